@@ -1,0 +1,272 @@
+"""The adaptive loop: mark, refine, transfer, accumulate, solve, measure.
+
+`begin` fits the start lattice, `advance` does one step, `terminate` says why to stop: a notebook can drive them by hand,
+and [`fit`][tsplinejax.fit] is the loop around them. Elements are marked against a threshold that falls in stages to the
+criterion's own: marking for the final tolerance at once refines many elements for errors that their neighbours cause.
+"""
+
+import time
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..mesh import MAX_LEVEL, bisect
+from ..space import make_blocks, pad
+from ..surface import beside_anchors, blossom
+from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
+from ._direct import solve_directly
+from ._energy import bending_energy
+from ._moments import Moments, add_samples, empty_moments, inherit_moments
+from ._problem import Problem
+from ._residuals import Residuals, homogeneous_points, residuals
+from ._result import Step, StopReason
+from ._solve import LocalSolver, conjugate_gradients
+from ._system import System, assemble, empty_system, inherit_system, restrict
+
+LONG_SOLVE = 400  # iterations of the solves at the start and the end
+TIGHT, ACCEPTABLE = 1e-10, 1e-6  # relative gradients: where a long solve stops, and where it needs help
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A step of the loop: mesh, moments, system, coefficients, residuals, and how each element fares.
+
+    **Attributes:**
+
+    - `excess`: each element's measure as a multiple of the criterion's threshold.
+    - `stage`: the multiple that elements are marked against.
+    - `polished`: whether the coefficients come from a long solve.
+    - `history`: the steps so far; `started`: the clock's reading when the loop began.
+    """
+
+    mesh: Discretisation
+    moments: Moments
+    system: System
+    coefficients: Float[Array, "capacity d"]
+    residuals: Residuals
+    excess: Float[np.ndarray, " elements"]
+    stage: float
+    polished: bool
+    history: tuple[Step, ...]
+    started: float
+
+    @property
+    def worst(self) -> float:
+        """Largest excess of any element: at most one where the criterion is met."""
+        return float(self.excess.max())
+
+
+def begin(problem: Problem) -> State:
+    """Fit the start lattice."""
+    started = time.perf_counter()
+    mesh = discretise(
+        problem.start,
+        problem.order,
+        dtype=problem.dtype,
+        rational=problem.rational,
+        least_capacity=problem.least_capacity,
+    )
+    d = problem.data.dimension
+    moments = empty_moments(mesh.space, d)
+    moments = add_samples(moments, mesh.space, problem.samples, mesh.blocks, problem.tile_length)
+    system = _update(problem, mesh, moments, empty_system(mesh.space, d), np.arange(len(mesh.elements)))
+    zeros = jnp.zeros((mesh.capacity, d), problem.dtype)
+    coefficients = _solve_long(problem, mesh, system, zeros)
+    return _measure(problem, mesh, moments, system, coefficients, np.inf, True, (), started)
+
+
+def advance(problem: Problem, state: State) -> State:
+    """One step: a refinement and a solve, or, once the criterion seems met, the long solve that confirms it."""
+    started = time.perf_counter()
+    if state.worst <= 1:
+        coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients)
+        return _measure(
+            problem, state.mesh, state.moments, state.system, coefficients, 1.0, True, state.history, started, state
+        )
+    marked, stage = mark(problem, state)
+    refinement = bisect(state.mesh.tmesh, problem.refinement.complete(state.mesh.tmesh, marked))
+    mesh = discretise(
+        refinement.mesh,
+        problem.order,
+        dtype=problem.dtype,
+        rational=problem.rational,
+        least_capacity=problem.least_capacity,
+    )
+    kept = unaltered_functions(state.mesh.tmesh, mesh.tmesh)
+    coefficients = _transfer(problem, state, mesh, kept)
+    source = same_elements(state.mesh.elements, mesh.elements)
+    if problem.rational:  # Σb changes weights and values of every altered neighbourhood: sum all of it again
+        source = np.full_like(source, -1)
+    changed = np.flatnonzero(source < 0)
+    device_source = jnp.asarray(pad(source.astype(np.int32), mesh.capacity, -1))
+    moments = inherit_moments(state.moments, device_source)
+    blocks = make_blocks(mesh.ranges, changed)
+    moments = add_samples(moments, mesh.space, problem.samples, blocks, problem.tile_length)
+    altered_elements = _touched(mesh, kept < 0) | (source < 0)
+    inherited = empty_system(mesh.space, problem.data.dimension)
+    if state.system.matrices.shape[1] == inherited.matrices.shape[1]:
+        inherited = inherit_system(state.system, mesh.space, device_source)
+    else:
+        altered_elements[:] = True
+    system = _update(problem, mesh, moments, inherited, np.flatnonzero(altered_elements))
+    coefficients = _solve_step(problem, mesh, system, coefficients, kept < 0)
+    return _measure(problem, mesh, moments, system, coefficients, stage, False, state.history, started, state)
+
+
+def terminate(problem: Problem, state: State) -> StopReason | None:
+    """Why the loop should stop, or `None`; that the criterion is met counts once a long solve has confirmed it."""
+    budget, last = problem.budget, state.history[-1]
+    if state.worst <= 1:
+        return problem.criterion.met if state.polished else None
+    if budget.max_steps is not None and last.step >= budget.max_steps:
+        return StopReason.MAX_STEPS
+    if budget.max_seconds is not None and time.perf_counter() - state.started >= budget.max_seconds:
+        return StopReason.MAX_SECONDS
+    if budget.max_control_points is not None and last.control_points >= budget.max_control_points:
+        return StopReason.MAX_CONTROL_POINTS
+    if not (splittable(problem, state) & (state.excess > 1)).any():
+        return StopReason.FINEST
+    return None
+
+
+def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
+    """Elements that hold samples of at least two places and are above the deepest level."""
+    codes = problem.order.codes
+    first = state.mesh.ranges[state.mesh.owner_starts]
+    last = np.append(first[1:], len(codes)) - 1
+    several = last > first
+    several[several] = codes[first[several]] != codes[last[several]]
+    return several & (state.mesh.tmesh.levels < MAX_LEVEL)
+
+
+def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"], float]:
+    """Elements to bisect and the stage they were marked against: the first that marks any."""
+    can = splittable(problem, state)
+    worst = float(state.excess[can].max())
+    stage = max(1.0, worst * problem.stage_factor) if np.isinf(state.stage) else state.stage
+    while stage > 1 and worst <= stage:
+        stage = max(1.0, stage * problem.stage_factor)
+    return can & (state.excess > stage), stage
+
+
+def _touched(mesh: Discretisation, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:
+    """Bézier elements on which a chosen function lives."""
+    functions = mesh.elements.functions
+    return (chosen[np.maximum(functions, 0)] & (functions >= 0)).any(axis=1)
+
+
+def _update(
+    problem: Problem, mesh: Discretisation, moments: Moments, system: System, elements: np.ndarray
+) -> System:
+    """Assemble the matrices of these elements anew."""
+    return assemble(system, mesh.space, moments, problem.smoothing, problem.extent, elements)
+
+
+def _transfer(problem: Problem, state: State, mesh: Discretisation, kept: np.ndarray) -> Array:
+    """Coefficients of the old surface in the new space; functions that did not change keep theirs to the bit."""
+    points = homogeneous_points(state.mesh.space, state.coefficients)
+    places = beside_anchors(state.mesh.tmesh, state.mesh.elements, mesh.tmesh, mesh.capacity)
+    moved = blossom(points, *places)
+    source = jnp.asarray(pad(kept.astype(np.int32), mesh.capacity, -1))
+    return _keep(moved, state.coefficients, source)
+
+
+@jax.jit
+def _keep(moved: Array, old: Array, source: Array) -> Array:
+    """Old coefficients where `source` names one, else the moved ones, divided by their Σb where they carry it."""
+    d = old.shape[1]
+    if moved.shape[1] > d:
+        moved = moved[:, :d] / jnp.where(moved[:, d:] > 0, moved[:, d:], 1)
+    return jnp.where((source >= 0)[:, None], old[jnp.maximum(source, 0)], moved)
+
+
+def _solve_step(
+    problem: Problem, mesh: Discretisation, system: System, start: Array, altered: Bool[np.ndarray, " n"]
+) -> Array:
+    """The step's own solve: a few iterations for all control points, or the altered ones and their rings."""
+    solver = problem.solver
+    free = np.ones(len(altered), bool)
+    if isinstance(solver, LocalSolver):
+        free = altered
+        for _ in range(solver.ring):
+            free = grow(mesh.elements.functions, free)
+        affected = np.flatnonzero(_touched(mesh, free))
+        length = max(problem.least_capacity, 4 ** int(np.ceil(np.log(len(affected) + 1) / np.log(4))))
+        system = restrict(system, jnp.asarray(pad(affected.astype(np.int32), length, -1)))
+    iterations = jnp.asarray(solver.iterations, jnp.int32)
+    solution = conjugate_gradients(
+        system, start, _device_mask(mesh, free), iterations, jnp.asarray(TIGHT, problem.dtype)
+    )
+    return solution.coefficients
+
+
+def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: Array) -> Array:
+    """Solve for all control points to the end; a sparse factorisation helps where iterations do not get there."""
+    free = _device_mask(mesh, np.ones(mesh.tmesh.n_anchors, bool))
+    tight = TIGHT if problem.dtype == np.float64 else 1e-6
+    solution = conjugate_gradients(
+        system, start, free, jnp.asarray(LONG_SOLVE, jnp.int32), jnp.asarray(tight, problem.dtype)
+    )
+    if float(solution.error) > max(ACCEPTABLE, tight):
+        exact = solve_directly(system, solution.coefficients, mesh.tmesh.n_anchors)
+        return solution.coefficients if exact is None else exact
+    return solution.coefficients
+
+
+def _device_mask(mesh: Discretisation, free: Bool[np.ndarray, " n"]) -> Array:
+    return jnp.asarray(pad(free, mesh.capacity, False))
+
+
+def _measure(
+    problem: Problem,
+    mesh: Discretisation,
+    moments: Moments,
+    system: System,
+    coefficients: Array,
+    stage: float,
+    polished: bool,
+    history: tuple[Step, ...],
+    started: float,
+    before: State | None = None,
+) -> State:
+    """Residuals, excess and the step's entry in the history."""
+    rest = residuals(mesh.space, coefficients, problem.samples, mesh.blocks, problem.tile_length)
+    points = homogeneous_points(mesh.space, coefficients)
+    excess = problem.criterion.excess(mesh, moments, points[..., : problem.data.dimension], rest)
+    energy = float(bending_energy(points[..., : problem.data.dimension], mesh.space.size * problem.extent))
+    clock = started if before is None else before.started
+    state = State(mesh, moments, system, coefficients, rest, excess, stage, polished, history, clock)
+    return replace(state, history=(*history, _entry(problem, state, energy, started)))
+
+
+def _entry(problem: Problem, state: State, energy: float, started: float) -> Step:
+    """The step's line in the history, in the data's unit."""
+    factor = problem.scaling.factor
+    counted = np.asarray(problem.samples.weights)[: problem.n_samples] > 0
+    squares = np.sum(state.residuals.values.astype(np.float64) ** 2, axis=1)[counted]
+    rms, largest = float(np.sqrt(squares.mean())), float(np.sqrt(squares.max()))
+    data = problem.data.values[problem.order.permutation][counted].astype(np.float64)
+    error = squares.sum() * factor**2
+    objective = (float(state.residuals.squares.sum(dtype=np.float64)) + problem.smoothing * energy) * factor**2
+    return Step(
+        step=len(state.history),
+        control_points=state.mesh.tmesh.n_anchors,
+        elements=state.mesh.tmesh.n_elements,
+        max_error=largest * factor,
+        rms_error=rms * factor,
+        snr_db=_decibel(np.sum(data**2), error),
+        snr_db_centred=_decibel(np.sum((data - data.mean(axis=0)) ** 2), error),
+        objective=objective,
+        tolerance=problem.criterion.stage_tolerance(max(1.0, state.stage), factor),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _decibel(signal: float, error: float) -> float:
+    """10 lg(signal / error): infinite for an exact fit, NaN for no signal."""
+    if error == 0:
+        return float("inf") if signal > 0 else float("nan")
+    return float(10 * np.log10(signal / error)) if signal > 0 else float("nan")

@@ -1,0 +1,122 @@
+"""A fit made ready: samples sorted and scaled on the device, criterion, strategies and budgets."""
+
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._errors import InputError
+from ..data import Frame, Samples
+from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
+from ..space import BLOCK, Order, SortedSamples, sort_samples
+from ._criteria import AbstractCriterion
+from ._solve import AbstractSolver, GlobalSolver
+
+@dataclass(frozen=True)
+class Budget:
+    """Where a fit stops before its criterion is met; `None` is no limit."""
+
+    max_steps: int | None = None
+    max_control_points: int | None = None
+    max_seconds: float | None = None
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Values are fitted centred and scaled: value = offset + factor · fitted. Metres in float32 are safe."""
+
+    offset: Float[np.ndarray, " d"]
+    factor: float
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything a fit needs that does not change from step to step.
+
+    **Attributes:**
+
+    - `data`: the samples as given; `outliers`: which of them are set aside, (m,).
+    - `start`: the T-mesh to start from.
+    - `samples`, `order`: the samples on the device, sorted and scaled; outliers have weight zero.
+    - `scaling`: from fitted values back to the data's.
+    - `extent`: physical extent in units of √(Lx Ly).
+    - `criterion`, `refinement`, `solver`, `budget`: the strategies.
+    - `smoothing`: weight λ of the bending energy.
+    - `stage_factor`: by how much the marking threshold falls from stage to stage.
+    """
+
+    data: Samples
+    outliers: Bool[np.ndarray, " m"]
+    start: TMesh
+    samples: SortedSamples
+    order: Order
+    scaling: Scaling
+    extent: Float[Array, " 2"]
+    criterion: AbstractCriterion
+    smoothing: float
+    refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
+    solver: AbstractSolver = field(default_factory=GlobalSolver)
+    budget: Budget = field(default_factory=Budget)
+    stage_factor: float = 0.25
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples, outliers included."""
+        return len(self.data)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision of the fit."""
+        return np.dtype(self.samples.values.dtype)
+
+    @property
+    def rational(self) -> bool:
+        """Whether the refinement leaves meshes that need Eq. 2's division."""
+        return not isinstance(self.refinement, AnalysisSuitable)
+
+    @property
+    def tile_length(self) -> int:
+        """Blocks in a tile: a power of two that suits the number of samples."""
+        return int(np.clip(2 ** np.ceil(np.log2(self.n_samples / BLOCK + 1)), 64, 8192))
+
+    @property
+    def least_capacity(self) -> int:
+        """Smallest padded length: small data compile small kernels, large data compile few."""
+        return 256 if self.n_samples < 1 << 15 else 1024 if self.n_samples < 1 << 17 else 4096
+
+def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
+    """Centre on the mean of the counted values and divide by their range (the diagonal of their box)."""
+    values = data.values[counted].astype(np.float64)
+    spread = float(np.linalg.norm(np.ptp(values, axis=0)))
+    return Scaling(values.mean(axis=0), spread if spread > 0 else 1.0)
+
+def start_lattice(frame: Frame, n_samples: int, lattice: tuple[int, int] | None, first_cut: Direction) -> TMesh:
+    """The B-lattice asked for, or one of near-square elements: eight along the shorter side, fewer for few samples."""
+    if lattice is None:
+        width, height = frame.extent
+        shorter = int(np.clip(np.sqrt(n_samples / max(width / height, height / width)) / 4, 1, 8))
+        unit = min(width, height) / shorter
+        lattice = (max(1, round(width / unit)), max(1, round(height / unit)))
+        if lattice[0] * lattice[1] > 4 * n_samples:
+            raise InputError(
+                f"the data's sides are {width:g} and {height:g}, too unequal for near-square elements with "
+                f"{n_samples} samples; give a lattice, for instance (64, 1)"
+            )
+    return b_lattice(*lattice, first_cut=first_cut)
+
+def prepare_samples(
+    data: Samples, order_mesh: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
+) -> tuple[SortedSamples, Order]:
+    """Sort and scale the samples and put them on the device, with a block of padding."""
+    order = sort_samples(order_mesh, data.parameters)
+    weights = np.ones(len(data)) if data.weights is None else np.asarray(data.weights, np.float64)
+    weights = np.where(counted, weights, 0.0)
+    values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
+    parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
+    padded = [np.concatenate([part, np.zeros((BLOCK, *part.shape[1:]), dtype)]) for part in parts]
+    return SortedSamples(*(jnp.asarray(part) for part in padded)), order
+
+def physical_extent(frame: Frame, dtype: np.dtype) -> Float[Array, " 2"]:
+    """(Lx, Ly) in units of √(Lx Ly)."""
+    sides = np.asarray(frame.extent, np.float64)
+    return jnp.asarray(sides / np.sqrt(sides.prod()), dtype)

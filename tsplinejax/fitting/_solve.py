@@ -1,0 +1,108 @@
+"""Least squares over a spline space by preconditioned conjugate gradients.
+
+The objective Σ_j w_j |v_j - f(s_j, t_j)|² + λ E(f) is a quadratic form in the control points. Conjugate gradients start from the surface of the step before, exactly transferred, so every
+iteration lowers the objective. [`LocalSolver`][tsplinejax.LocalSolver] frees only the control points near a change (Eqs 5-6),
+[`GlobalSolver`][tsplinejax.GlobalSolver] all of them (Eq. 4).
+"""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._system import System
+
+
+@dataclass(frozen=True)
+class AbstractSolver:
+    """How much of the surface a step solves for."""
+
+
+@dataclass(frozen=True)
+class GlobalSolver(AbstractSolver):
+    """All control points, in every step (Eq. 4).
+
+    **Arguments:**
+
+    - `iterations`: conjugate-gradient iterations of a step; a loose solve is enough to mark by.
+
+    >>> GlobalSolver()
+    GlobalSolver(iterations=10)
+    """
+
+    iterations: int = 10
+
+
+@dataclass(frozen=True)
+class LocalSolver(AbstractSolver):
+    """Control points whose blending functions are new or altered, and rings of neighbours; the rest stays (Eqs 5-6).
+
+    **Arguments:**
+
+    - `ring`: how many rings of neighbours are freed too; 0 is the paper's own choice.
+    - `iterations`: conjugate-gradient iterations of a step at most.
+
+    >>> LocalSolver(ring=0)
+    LocalSolver(ring=0, iterations=100)
+    """
+
+    ring: int = 1
+    iterations: int = 100
+
+
+class Solution(eqx.Module):
+    """Coefficients (capacity, d), iterations used, and the last residual relative to the load, preconditioned."""
+
+    coefficients: Float[Array, "capacity d"]
+    iterations: Int[Array, ""]
+    error: Float[Array, ""]
+
+
+@jax.jit
+def conjugate_gradients(
+    system: System,
+    start: Float[Array, "capacity d"],
+    free: Bool[Array, " capacity"],
+    iterations: Int[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Solution:
+    """Lower the objective from `start` by conjugate gradients with diagonal scaling, over the free coefficients.
+
+    Stops after `iterations`, or where the scaled gradient has fallen below `tolerance` of the scaled load.
+    """
+    diagonal = jnp.zeros(start.shape[0], start.dtype)
+    diagonal = diagonal.at[system.functions].add(jnp.diagonal(system.matrices, axis1=1, axis2=2))
+    movable = free & (diagonal > 0)
+    scale = jnp.where(movable, 1 / jnp.where(movable, diagonal, 1), 0)[:, None]
+    load = jnp.zeros_like(start).at[system.functions].add(system.loads)
+
+    def apply(x: Array) -> Array:
+        products = jnp.einsum("eij,ejd->eid", system.matrices, x[system.functions], precision="highest")
+        return jnp.zeros_like(x).at[system.functions].add(products)
+
+    gradient = load - apply(start)
+    limit = tolerance**2 * jnp.sum(load * scale * load, axis=0)
+
+    def unfinished(state: tuple[Array, ...]) -> Array:
+        _, _, _, energy, k = state
+        return (k < iterations) & jnp.any(energy > limit)
+
+    def iterate(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        x, r, p, energy, k = state
+        q = jnp.where(movable[:, None], apply(p), 0)
+        curvature = jnp.sum(p * q, axis=0)
+        step = jnp.where(curvature > 0, energy / jnp.where(curvature > 0, curvature, 1), 0)
+        x, r = x + step * p, r - step * q
+        new = jnp.sum(r * scale * r, axis=0)
+        p = scale * r + jnp.where(energy > 0, new / jnp.where(energy > 0, energy, 1), 0) * p
+        return x, r, p, new, k + 1
+
+    r = jnp.where(movable[:, None], gradient, 0)
+    z = scale * r
+    state = (start, r, z, jnp.sum(r * z, axis=0), jnp.zeros((), jnp.int32))
+    x, _, _, energy, k = jax.lax.while_loop(unfinished, iterate, state)
+    load_norm = jnp.sum(load * scale * load, axis=0)
+    error = jnp.sqrt(jnp.max(energy / jnp.where(load_norm > 0, load_norm, 1)))
+    return Solution(x, k, error)

@@ -1,0 +1,95 @@
+"""The quadratic form of a fit, one K × K matrix a Bézier element, kept up to date where the mesh changes."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..space import SplineSpace, pad, product_weights
+from ._energy import element_energy
+from ._moments import Moments
+
+
+class System(eqx.Module):
+    """Σ_e over Bézier elements: `matrices` (e, K, K), `loads` (e, K, d), and the `functions` (e, K) they belong to."""
+
+    functions: Int[Array, "e K"]
+    matrices: Float[Array, "e K K"]
+    loads: Float[Array, "e K d"]
+
+
+def empty_system(space: SplineSpace, dimension: int) -> System:
+    """The system of no samples."""
+    capacity, k = space.functions.shape
+    return System(
+        space.functions, jnp.zeros((capacity, k, k), space.dtype), jnp.zeros((capacity, k, dimension), space.dtype)
+    )
+
+
+@partial(jax.jit, donate_argnums=0)
+def _assemble_chunk(
+    store: tuple[Array, Array], space: SplineSpace, moments: Moments, smoothing: Array, extent: Array, chosen: Array
+) -> tuple[Array, Array]:
+    """Fill in the matrices and loads of the chosen elements; negative entries are padding and write nothing."""
+    index = jnp.maximum(chosen, 0)
+    functions, along_s, along_t = space.functions[index], space.along_s[index], space.along_t[index]
+    basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*functions.shape, 16)
+    highest = {"precision": "highest"}
+    half = jnp.einsum("eia,eab->eib", basis, bernstein_mass(moments.mass[index]), **highest)
+    matrices = jnp.einsum("eib,ejb->eij", half, basis, **highest)
+    matrices = matrices + smoothing * element_energy(along_s, along_t, space.size[index] * extent)
+    loads = jnp.einsum("eia,ead->eid", basis, moments.load[index].reshape(len(index), 16, -1), **highest)
+    place = jnp.where(chosen >= 0, chosen, len(space.functions))
+    return store[0].at[place].set(matrices, mode="drop"), store[1].at[place].set(loads, mode="drop")
+
+
+def assemble(
+    system: System,
+    space: SplineSpace,
+    moments: Moments,
+    smoothing: float,
+    extent: Float[Array, " 2"],
+    elements: Int[np.ndarray, " chosen"],
+) -> System:
+    """The system with the chosen elements' matrices and loads computed anew; the old one's arrays are used up.
+
+    `extent` is the physical extent in units of √(Lx Ly).
+    """
+    chunk = max(64, len(space.corner) // 8)
+    store = (system.matrices, system.loads)
+    weight = jnp.asarray(smoothing, space.dtype)
+    for first in range(0, len(elements), chunk):
+        chosen = pad(elements[first : first + chunk].astype(np.int32), chunk, -1)
+        store = _assemble_chunk(store, space, moments, weight, extent, jnp.asarray(chosen))
+    return System(system.functions, *store)
+
+
+@jax.jit
+def inherit_system(system: System, space: SplineSpace, source: Int[Array, " capacity"]) -> System:
+    """The system in a new numbering: each element's old matrix and load, or zeros where `source` is negative."""
+    known, source = (source >= 0)[:, None, None], jnp.maximum(source, 0)
+    return System(
+        space.functions, jnp.where(known, system.matrices[source], 0), jnp.where(known, system.loads[source], 0)
+    )
+
+
+@jax.jit
+def restrict(system: System, elements: Int[Array, " chosen"]) -> System:
+    """The part of the system that belongs to the chosen elements (negative: none)."""
+    present, index = (elements >= 0)[:, None, None], jnp.maximum(elements, 0)
+    return System(
+        system.functions[index],
+        jnp.where(present, system.matrices[index], 0),
+        jnp.where(present, system.loads[index], 0),
+    )
+
+
+def bernstein_mass(mass: Float[Array, "e 7 7"]) -> Float[Array, "e 16 16"]:
+    """Gram matrices of the sixteen products of cubic Bernstein polynomials, from the moments of degree six."""
+    weights = jnp.asarray(product_weights(), mass.dtype)
+    place = np.add.outer(np.arange(4), np.arange(4))
+    full = mass[:, place[:, None, :, None], place[None, :, None, :]] * weights[:, None, :, None] * weights[None, :, None]
+    return full.reshape(-1, 16, 16)

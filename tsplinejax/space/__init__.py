@@ -1,0 +1,28 @@
+"""Spline spaces by Bézier extraction: from host topology to padded device arrays."""
+
+from ._bernstein import (
+    bernstein as bernstein,
+    bernstein6 as bernstein6,
+    blossom_weights as blossom_weights,
+    gram as gram,
+    product_weights as product_weights,
+)
+from ._blocks import (
+    BLOCK as BLOCK,
+    Blocks as Blocks,
+    Order as Order,
+    SortedSamples as SortedSamples,
+    Tile as Tile,
+    make_blocks as make_blocks,
+    sample_ranges as sample_ranges,
+    sort_samples as sort_samples,
+)
+from ._extraction import BezierElements as BezierElements, bezier_elements as bezier_elements
+from ._space import (
+    SplineSpace as SplineSpace,
+    Topology as Topology,
+    capacity_for as capacity_for,
+    pad as pad,
+    resolve_dtype as resolve_dtype,
+    spline_space as spline_space,
+)

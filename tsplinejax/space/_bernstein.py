@@ -1,0 +1,103 @@
+"""Cubic Bernstein polynomials and what local knots look like in them.
+
+A polynomial of degree p on [0, 1] is written Σ_a c_a B^p_a(u). A cubic blending function's piece over [0, 1] has the four
+Bernstein coefficients f(0,0,0), f(0,0,1), f(0,1,1), f(1,1,1) of its blossom f, and the blossom follows the
+Cox-de Boor recursion with a different argument at each degree.
+"""
+
+from itertools import pairwise
+from math import comb
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def bernstein(u: Float[Array, "*shape"], order: int = 0) -> Float[Array, "*shape 4"]:
+    """The four cubic Bernstein polynomials at u, or their derivatives of the given order with respect to u.
+
+    >>> bernstein(jnp.asarray(0.5)).tolist()
+    [0.125, 0.375, 0.375, 0.125]
+    """
+    v = 1 - u
+    lower = (
+        [u * 0 + 1],
+        [v, u],
+        [v * v, 2 * u * v, u * u],
+        [v * v * v, 3 * u * v * v, 3 * u * u * v, u * u * u],
+    )
+    if order > 3:
+        return jnp.zeros((*u.shape, 4), u.dtype)
+    values = lower[3 - order]
+    for degree in range(4 - order, 4):  # (B^p_a)' = p (B^(p-1)_(a-1) - B^(p-1)_a)
+        padded = [0 * u, *values, 0 * u]
+        values = [degree * (left - right) for left, right in pairwise(padded)]
+    return jnp.stack(values, axis=-1)
+
+
+def bernstein6(u: Float[Array, "*shape"]) -> Float[Array, "*shape 7"]:
+    """The seven Bernstein polynomials of degree six: products of two cubic ones are multiples of these."""
+    v = 1 - u
+    u2, v2 = u * u, v * v
+    u3, v3 = u2 * u, v2 * v
+    terms = [v3 * v3, 6 * u * v3 * v2, 15 * u2 * v2 * v2, 20 * u3 * v3, 15 * u2 * u2 * v2, 6 * u3 * u2 * v, u3 * u3]
+    return jnp.stack(terms, axis=-1)
+
+
+def product_weights() -> Float[np.ndarray, "4 4"]:
+    """Weights w with B³_a B³_b = w[a, b] B⁶_(a+b)."""
+    return np.array([[comb(3, a) * comb(3, b) / comb(6, a + b) for b in range(4)] for a in range(4)])
+
+
+def gram(order: int) -> Float[np.ndarray, "4 4"]:
+    """∫ B_a⁽ᵏ⁾ B_b⁽ᵏ⁾ du over [0, 1] for derivatives of the given order k, exact.
+
+    >>> gram(0).sum().round(12).item()
+    1.0
+    """
+    degree = 3 - order
+    binomials = np.array([comb(degree, a) for a in range(degree + 1)])
+    places = np.add.outer(np.arange(degree + 1), np.arange(degree + 1))
+    middle = np.array([comb(2 * degree, k) for k in range(2 * degree + 1)])
+    mass = np.outer(binomials, binomials) / middle[places] / (2 * degree + 1)
+    derive = np.eye(4)
+    for p in range(3, degree, -1):  # coefficients of the derivative: p (c_(a+1) - c_a)
+        derive = p * np.diff(derive, axis=0)
+    return derive.T @ mass @ derive
+
+
+def blossom_pieces(knots: Float[Array, "*shape 5"]) -> Float[Array, "*shape 4"]:
+    """Bernstein coefficients over [0, 1] of the cubic blending function with these local knots.
+
+    No knot lies strictly inside [0, 1]; repeated knots are allowed, and a function that vanishes there gives zeros.
+    """
+    dtype = knots.dtype
+
+    spans = [((knots[..., r] <= 0) & (knots[..., r + 1] >= 1)).astype(dtype) for r in range(4)]
+    pieces = []
+    for arguments in ((0, 0, 0), (0, 0, 1), (0, 1, 1), (1, 1, 1)):
+        values = spans
+        for degree, u in enumerate(arguments, start=1):
+            values = [
+                _ratio(u - knots[..., r], knots[..., r + degree] - knots[..., r]) * values[r]
+                + _ratio(knots[..., r + degree + 1] - u, knots[..., r + degree + 1] - knots[..., r + 1]) * values[r + 1]
+                for r in range(4 - degree)
+            ]
+        pieces.append(values[0])
+    return jnp.stack(pieces, axis=-1)
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    """The quotient, or zero where knots repeat."""
+    empty = denominator <= 0
+    return jnp.where(empty, 0, numerator / jnp.where(empty, 1, denominator))
+
+
+def blossom_weights(u: Float[Array, "*shape 3"]) -> Float[Array, "*shape 4"]:
+    """Weights of the Bernstein coefficients in the blossom of a cubic at three arguments."""
+    weights = [jnp.ones_like(u[..., 0])]
+    for k in range(3):
+        x = u[..., k]
+        padded = [jnp.zeros_like(x), *weights, jnp.zeros_like(x)]
+        weights = [x * left + (1 - x) * right for left, right in pairwise(padded)]
+    return jnp.stack(weights, axis=-1)

@@ -1,0 +1,223 @@
+"""Spline spaces: the one door from host topology to device arrays.
+
+On a Bézier element each blending function is an outer product of two cubic polynomials, so a space is a padded table:
+which functions live on each element, and four Bernstein coefficients along s and t for each. Arrays are padded to
+capacities that grow fourfold; a kernel compiled for one capacity serves every mesh that fits it.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from numpy.typing import DTypeLike
+
+from .._errors import InputError
+from ..mesh import TMesh, forest_from_boxes, from_rectangles
+from ._bernstein import blossom_pieces
+from ._extraction import BezierElements, bezier_elements
+from ._locate import AbstractLocator, make_locator
+
+LEAST_CAPACITY = 256
+
+
+def capacity_for(count: int, least: int = LEAST_CAPACITY) -> int:
+    """The padded length for a count: `least` times a power of four.
+
+    >>> capacity_for(300), capacity_for(256)
+    (1024, 256)
+    """
+    capacity = least
+    while capacity < count:
+        capacity *= 4
+    return capacity
+
+
+class Topology(eqx.Module):
+    """What rebuilds the T-mesh of a space: its elements' index boxes, padded with -1, and its knot lines."""
+
+    boxes: Int[np.ndarray, "capacity 4"]
+    lattice: Int[np.ndarray, " 2"]
+    lines: tuple[np.ndarray, np.ndarray] | None
+    first_cut: str | None = eqx.field(static=True)
+    border: str = eqx.field(static=True)
+
+    def rebuild(self) -> TMesh:
+        """The T-mesh."""
+        boxes = np.asarray(self.boxes, np.int64)
+        boxes = boxes[boxes[:, 0] >= 0]
+        if self.lines is None:
+            columns, rows = (int(count) for count in self.lattice)
+            return forest_from_boxes(boxes, (columns, rows), first_cut=self.first_cut, border=self.border)
+        corners = [np.asarray(self.lines[k % 2])[boxes[:, k]] for k in range(4)]
+        return from_rectangles(np.stack(corners, axis=1), border=self.border)
+
+
+class SplineSpace(eqx.Module):
+    """The span of a T-mesh's blending functions, ready for evaluation.
+
+    **Attributes:**
+
+    - `functions`: blending functions alive on each Bézier element, (capacity, K).
+    - `along_s`, `along_t`: their Bernstein coefficients there, (capacity, K, 4); zero where padded.
+    - `corner`, `size`: the Bézier elements in parameters, (capacity, 2).
+    - `locator`: finds the Bézier element of a parameter.
+    - `topology`: what rebuilds the T-mesh.
+    - `n_functions`, `n_elements`: how many blending functions and Bézier elements are real.
+    - `rational`: whether the blending functions do not sum to one, so that Eq. 2's division is needed.
+    """
+
+    functions: Int[Array, "capacity K"]
+    along_s: Float[Array, "capacity K 4"]
+    along_t: Float[Array, "capacity K 4"]
+    corner: Float[Array, "capacity 2"]
+    size: Float[Array, "capacity 2"]
+    locator: AbstractLocator
+    topology: Topology
+    n_functions: Int[np.ndarray, ""]
+    n_elements: Int[np.ndarray, ""]
+    rational: bool = eqx.field(static=True)
+
+    @property
+    def mesh(self) -> TMesh:
+        """The T-mesh, rebuilt on the host."""
+        return self.topology.rebuild()
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float32 or float64."""
+        return np.dtype(self.along_s.dtype)
+
+    def __repr__(self) -> str:
+        form = "rational" if self.rational else "polynomial"
+        return f"SplineSpace({self.n_functions} functions, {self.n_elements} Bézier elements, {form}, {self.dtype})"
+
+
+def spline_space(
+    tmesh: TMesh,
+    *,
+    dtype: DTypeLike = None,
+    rational: bool | None = None,
+    elements: BezierElements | None = None,
+    capacity: int | None = None,
+) -> SplineSpace:
+    """The spline space of a T-mesh, by Bézier extraction.
+
+    **Arguments:**
+
+    - `tmesh`: any T-mesh.
+    - `dtype`: float32 or float64; by default float64 where JAX's x64 mode is on, else float32.
+    - `rational`: whether to divide by the sum of the blending functions; by default found out.
+    - `elements`: the mesh's Bézier elements, where they are known already.
+    - `capacity`: padded length; by default the smallest that fits.
+
+    **Raises:** `InputError` for a dtype that JAX cannot hold.
+
+    >>> from tsplinejax.mesh import b_lattice
+    >>> spline_space(b_lattice(3, 2)).n_functions.item()
+    30
+    """
+    dtype = resolve_dtype(dtype)
+    elements = bezier_elements(tmesh) if elements is None else elements
+    needed = max(len(elements), tmesh.n_anchors)
+    capacity = capacity_for(needed) if capacity is None else capacity
+    if capacity < needed:
+        raise InputError(f"the capacity must hold {needed} entries; received {capacity}; leave it out to choose one")
+    functions = pad(elements.functions, capacity, -1)
+    boxes = pad(elements.boxes.astype(np.int32), capacity, np.array([-1, -1, 0, 0], np.int32))
+    along_s, along_t = _extract(
+        jnp.asarray(functions),
+        _knot_arrays(tmesh, tmesh.local_knots, capacity, dtype),
+        _box_arrays(tmesh, boxes, dtype),
+        dtype,
+    )
+    corner, size = _parameter_boxes(tmesh, elements.boxes, capacity, dtype)
+    if rational is None:
+        sums = np.asarray(jnp.einsum("eka,ekb->eab", along_s, along_t))[: len(elements)]
+        rational = bool(np.abs(sums - 1).max() > 1e3 * np.finfo(dtype).eps)
+    return SplineSpace(
+        jnp.asarray(np.maximum(functions, 0)),
+        along_s,
+        along_t,
+        jnp.asarray(corner),
+        jnp.asarray(size),
+        make_locator(tmesh, elements, capacity, dtype),
+        _topology(tmesh, capacity),
+        np.asarray(tmesh.n_anchors, np.int32),
+        np.asarray(len(elements), np.int32),
+        rational,
+    )
+
+
+def resolve_dtype(dtype: DTypeLike) -> np.dtype:
+    """float32 or float64; float64 only where JAX's x64 mode is on."""
+    x64 = jax.config.read("jax_enable_x64")
+    if dtype is None:
+        return np.dtype(np.float64 if x64 else np.float32)
+    resolved = np.dtype(dtype)
+    if resolved not in (np.dtype(np.float32), np.dtype(np.float64)):
+        raise InputError(f"spline spaces are float32 or float64; received {resolved}; pass dtype='float64'")
+    if resolved == np.float64 and not x64:
+        raise InputError(
+            "float64 data need JAX's 64-bit mode, which is off; run jax.config.update('jax_enable_x64', True) "
+            "before the first computation, or pass dtype='float32' to accept single precision"
+        )
+    return resolved
+
+
+def pad(array: np.ndarray, length: int, value: object) -> np.ndarray:
+    """The array with rows of a constant appended up to a length."""
+    padded = np.empty((length, *array.shape[1:]), array.dtype)
+    padded[: len(array)] = array
+    padded[len(array) :] = value
+    return padded
+
+
+def _knot_arrays(tmesh: TMesh, local_knots: np.ndarray, capacity: int, dtype: np.dtype) -> Array:
+    """Local knots for the device: exact int32 index coordinates on a forest, parameters on a mesh given by hand."""
+    knots = local_knots
+    if tmesh.lines is not None:
+        values = np.stack([tmesh.parameters(axis, knots[:, axis]) for axis in range(2)], axis=1)
+        return jnp.asarray(pad(values.astype(dtype), capacity, 0))
+    if tmesh.border == "clamped":
+        knots = np.clip(knots, 0, np.array(tmesh.extent)[:, None])
+    return jnp.asarray(pad(knots.astype(np.int32), capacity, 0))
+
+
+def _box_arrays(tmesh: TMesh, boxes: np.ndarray, dtype: np.dtype) -> Array:
+    """Element boxes in the coordinates of the knots."""
+    if tmesh.lines is None:
+        return jnp.asarray(boxes)
+    values = np.stack([tmesh.parameters(k % 2, boxes[:, k]) for k in range(4)], axis=1).astype(dtype)
+    values[:, 2:] = np.maximum(values[:, 2:], values[:, :2] + np.finfo(dtype).tiny)
+    return jnp.asarray(values)
+
+
+@partial(jax.jit, static_argnums=3)
+def _extract(functions: Array, knots: Array, boxes: Array, dtype: np.dtype) -> tuple[Array, Array]:
+    """Bernstein coefficients of every function on every Bézier element: (capacity, K, 4) along s and along t."""
+    local = knots[jnp.maximum(functions, 0)]  # (capacity, K, 2, 5)
+    low, high = boxes[:, None, :2, None], boxes[:, None, 2:, None]
+    inside = (local - low).astype(dtype) / (high - low).astype(dtype)
+    pieces = jnp.where((functions >= 0)[..., None, None], blossom_pieces(inside), 0)
+    return pieces[:, :, 0], pieces[:, :, 1]
+
+
+def _parameter_boxes(
+    tmesh: TMesh, boxes: np.ndarray, capacity: int, dtype: np.dtype
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower corners and sizes of the Bézier elements in parameters."""
+    values = np.stack([tmesh.parameters(k % 2, boxes[:, k]) for k in range(4)], axis=1)
+    corner = pad(values[:, :2].astype(dtype), capacity, 0)
+    return corner, pad((values[:, 2:] - values[:, :2]).astype(dtype), capacity, 1)
+
+
+def _topology(tmesh: TMesh, capacity: int) -> Topology:
+    """The space's record of its T-mesh."""
+    boxes = pad(tmesh.boxes.astype(np.int32), capacity, -1)
+    if tmesh.forest is None:
+        return Topology(boxes, np.asarray(tmesh.extent, np.int32), tmesh.lines, None, tmesh.border)
+    lattice = np.asarray(tmesh.forest.lattice, np.int32)
+    return Topology(boxes, lattice, None, tmesh.forest.first_cut, tmesh.border)
