@@ -1,0 +1,40 @@
+"""T-splines for surface metrology: locally refined, differentiable models of measured surfaces, on JAX."""
+
+from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
+from ._version import __version__ as __version__
+from .data import (
+    Frame as Frame,
+    HeightMap as HeightMap,
+    NoiseEstimate as NoiseEstimate,
+    PointCloud as PointCloud,
+    Samples as Samples,
+    estimate_noise as estimate_noise,
+    find_outliers as find_outliers,
+)
+from .fitting import (
+    FitResult as FitResult,
+    GlobalSolver as GlobalSolver,
+    LocalSolver as LocalSolver,
+    Step as Step,
+    StopReason as StopReason,
+    fit as fit,
+    lstsq as lstsq,
+)
+from .io import read as read, write as write
+from .mesh import (
+    AnalysisSuitable as AnalysisSuitable,
+    Dyadic as Dyadic,
+    TMesh as TMesh,
+    b_lattice as b_lattice,
+    from_rectangles as from_rectangles,
+    is_analysis_suitable as is_analysis_suitable,
+    refine as refine,
+)
+from .space import SplineSpace as SplineSpace, spline_space as spline_space
+from .surface import (
+    TSpline as TSpline,
+    curvatures as curvatures,
+    make_surface as make_surface,
+    normals as normals,
+    transfer as transfer,
+)

@@ -1,0 +1,17 @@
+"""Fitting: the adaptive loop, its criteria and solvers, and least squares on a fixed space."""
+
+from ._adaptive import State as State, advance as advance, begin as begin, terminate as terminate
+from ._criteria import (
+    AbstractCriterion as AbstractCriterion,
+    NoiseCriterion as NoiseCriterion,
+    ToleranceCriterion as ToleranceCriterion,
+)
+from ._fit import fit as fit
+from ._lstsq import lstsq as lstsq
+from ._problem import Budget as Budget, Problem as Problem, pose as pose
+from ._result import FitResult as FitResult, Step as Step, StopReason as StopReason
+from ._solve import (
+    AbstractSolver as AbstractSolver,
+    GlobalSolver as GlobalSolver,
+    LocalSolver as LocalSolver,
+)

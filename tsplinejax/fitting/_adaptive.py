@@ -82,10 +82,7 @@ def advance(problem: Problem, state: State) -> State:
     """One step: a refinement and a solve, or, once the criterion seems met, the long solve that confirms it."""
     started = time.perf_counter()
     if state.worst <= 1:
-        coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients)
-        return _measure(
-            problem, state.mesh, state.moments, state.system, coefficients, 1.0, True, state.history, started, state
-        )
+        return polish(problem, state)
     marked, stage = mark(problem, state)
     refinement = bisect(state.mesh.tmesh, problem.refinement.complete(state.mesh.tmesh, marked))
     mesh = discretise(
@@ -114,6 +111,23 @@ def advance(problem: Problem, state: State) -> State:
     system = _update(problem, mesh, moments, inherited, np.flatnonzero(altered_elements))
     coefficients = _solve_step(problem, mesh, system, coefficients, kept < 0)
     return _measure(problem, mesh, moments, system, coefficients, stage, False, state.history, started, state)
+
+
+def polish(problem: Problem, state: State) -> State:
+    """The same mesh after a long solve for all control points."""
+    started = time.perf_counter()
+    coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients)
+    return _measure(
+        problem, state.mesh, state.moments, state.system, coefficients, state.stage, True, state.history, started, state
+    )
+
+
+def remeasure(problem: Problem, state: State) -> State:
+    """The same mesh for a problem with another smoothing: assembled and solved anew."""
+    system = empty_system(state.mesh.space, problem.data.dimension)
+    every = np.arange(len(state.mesh.elements))
+    system = _update(problem, state.mesh, state.moments, system, every)
+    return polish(problem, replace(state, system=system))
 
 
 def terminate(problem: Problem, state: State) -> StopReason | None:

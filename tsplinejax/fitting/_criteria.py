@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..data import NoiseEstimate, Samples
 from ._discretisation import Discretisation
 from ._moments import Moments
 from ._residuals import Residuals
@@ -109,6 +110,17 @@ class NoiseCriterion(AbstractCriterion):
         plain = _ratio(squares, variance, counts * d, self.correlated, self.significance)
         score = _ratio(explained, variance, share, self.correlated, self.significance)
         return np.sqrt(np.maximum(plain, score))
+
+
+FLOOR = 1e-4  # of the range: below it "noise" is round-off and quantisation of the arithmetic
+
+
+def noise_criterion(
+    noise: NoiseEstimate, samples: Samples, factor: float, permutation: np.ndarray
+) -> NoiseCriterion:
+    """The criterion for a noise estimate; `factor` scales fitted values to the data's unit."""
+    sigma = max(noise.sigma / factor, FLOOR)
+    return NoiseCriterion(np.full(len(samples), sigma**2)[permutation])
 
 
 def _ratio(

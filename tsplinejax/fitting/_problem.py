@@ -1,5 +1,6 @@
 """A fit made ready: samples sorted and scaled on the device, criterion, strategies and budgets."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import equinox as eqx
@@ -65,6 +66,12 @@ class Problem:
         return len(self.data)
 
     @property
+    def n_counted(self) -> int:
+        """Number of samples that count: neither outliers nor of weight zero."""
+        weighted = np.ones(len(self.data), bool) if self.data.weights is None else self.data.weights > 0
+        return int((weighted & ~self.outliers).sum())
+
+    @property
     def dtype(self) -> np.dtype:
         """The precision of the fit."""
         return np.dtype(self.samples.values.dtype)
@@ -115,6 +122,38 @@ def prepare_samples(
     parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
     padded = [np.concatenate([part, np.zeros((BLOCK, *part.shape[1:]), dtype)]) for part in parts]
     return SortedSamples(*(jnp.asarray(part) for part in padded)), order
+
+def pose(
+    data: Samples,
+    outliers: Bool[np.ndarray, " m"],
+    *,
+    start: TMesh,
+    criterion: Callable[[float, np.ndarray], AbstractCriterion],
+    smoothing: float,
+    refinement: AbstractRefinement,
+    solver: AbstractSolver,
+    budget: Budget,
+    dtype: np.dtype,
+) -> Problem:
+    """Make a problem of samples; `criterion` receives the scaling's factor and the sorting permutation."""
+    counted = ~outliers if data.weights is None else ~outliers & (data.weights > 0)
+    scaling = scale_values(data, counted)
+    samples, order = prepare_samples(data, start, scaling, counted, dtype)
+    return Problem(
+        data=data,
+        outliers=outliers,
+        start=start,
+        samples=samples,
+        order=order,
+        scaling=scaling,
+        extent=physical_extent(data.frame, dtype),
+        criterion=criterion(scaling.factor, order.permutation),
+        smoothing=smoothing,
+        refinement=refinement,
+        solver=solver,
+        budget=budget,
+    )
+
 
 def physical_extent(frame: Frame, dtype: np.dtype) -> Float[Array, " 2"]:
     """(Lx, Ly) in units of √(Lx Ly)."""

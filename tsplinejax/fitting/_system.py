@@ -35,13 +35,14 @@ def _assemble_chunk(
 ) -> tuple[Array, Array]:
     """Fill in the matrices and loads of the chosen elements; negative entries are padding and write nothing."""
     index = jnp.maximum(chosen, 0)
-    functions, along_s, along_t = space.functions[index], space.along_s[index], space.along_t[index]
-    basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*functions.shape, 16)
-    highest = {"precision": "highest"}
-    half = jnp.einsum("eia,eab->eib", basis, bernstein_mass(moments.mass[index]), **highest)
-    matrices = jnp.einsum("eib,ejb->eij", half, basis, **highest)
-    matrices = matrices + smoothing * element_energy(along_s, along_t, space.size[index] * extent)
-    loads = jnp.einsum("eia,ead->eid", basis, moments.load[index].reshape(len(index), 16, -1), **highest)
+    matrices, loads = element_matrices(
+        space.functions[index],
+        space.along_s[index],
+        space.along_t[index],
+        space.size[index] * extent,
+        Moments(moments.mass[index], moments.load[index]),
+        smoothing,
+    )
     place = jnp.where(chosen >= 0, chosen, len(space.functions))
     return store[0].at[place].set(matrices, mode="drop"), store[1].at[place].set(loads, mode="drop")
 
@@ -65,6 +66,23 @@ def assemble(
         chosen = pad(elements[first : first + chunk].astype(np.int32), chunk, -1)
         store = _assemble_chunk(store, space, moments, weight, extent, jnp.asarray(chosen))
     return System(system.functions, *store)
+
+
+def element_matrices(
+    functions: Int[Array, "e K"],
+    along_s: Float[Array, "e K 4"],
+    along_t: Float[Array, "e K 4"],
+    sides: Float[Array, "e 2"],
+    moments: Moments,
+    smoothing: Float[Array, ""],
+) -> tuple[Float[Array, "e K K"], Float[Array, "e K d"]]:
+    """Matrices C M Cᵀ + λ K and loads C R of Bézier elements; C holds the functions' sixteen Bernstein coefficients."""
+    basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*functions.shape, 16)
+    half = jnp.einsum("eia,eab->eib", basis, bernstein_mass(moments.mass), precision="highest")
+    matrices = jnp.einsum("eib,ejb->eij", half, basis, precision="highest")
+    matrices = matrices + smoothing * element_energy(along_s, along_t, sides)
+    load = moments.load.reshape(len(functions), 16, -1)
+    return matrices, jnp.einsum("eia,ead->eid", basis, load, precision="highest")
 
 
 @jax.jit

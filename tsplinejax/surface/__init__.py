@@ -2,4 +2,9 @@
 
 from ._geometry import Curvatures as Curvatures, curvatures as curvatures, normals as normals
 from ._transfer import beside_anchors as beside_anchors, blossom as blossom, transfer as transfer
-from ._tspline import TSpline as TSpline, bezier_points as bezier_points, make_surface as make_surface
+from ._tspline import (
+    TSpline as TSpline,
+    bezier_points as bezier_points,
+    check_parameters as check_parameters,
+    make_surface as make_surface,
+)

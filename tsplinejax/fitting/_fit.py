@@ -1,0 +1,256 @@
+"""`fit`: from measured data to a T-spline, the adaptive loop with its options."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import ArrayLike
+from numpy.typing import DTypeLike
+
+from .._errors import InputError
+from .._version import __version__
+from ..mesh import AbstractRefinement, AnalysisSuitable, Direction
+from ..space import resolve_dtype
+from ..surface import make_surface
+from ._adaptive import State, advance, begin, polish, terminate
+from ._criteria import AbstractCriterion, ToleranceCriterion, noise_criterion
+from ._energy import default_smoothing
+from ._lattice import choose_lattice
+from ._options import Length, Request, read_request
+from ._problem import Budget, Problem, pose, start_lattice
+from ._result import FitResult, StopReason
+from ._smoothing import smooth_automatically
+from ._solve import AbstractSolver, GlobalSolver
+
+
+def fit(
+    data: Any,
+    *,
+    tolerance: Length | None = None,
+    relative_tolerance: float | None = None,
+    noise: Length | None = None,
+    refinement: AbstractRefinement | None = None,
+    solver: AbstractSolver | None = None,
+    lattice: tuple[int, int] | Literal["auto"] | None = None,
+    first_cut: Direction = "s",
+    smoothing: float | Literal["auto"] = "auto",
+    weights: ArrayLike | None = None,
+    robust: bool = False,
+    max_steps: int | None = None,
+    max_control_points: int | None = None,
+    max_seconds: float | None = None,
+    dtype: DTypeLike = None,
+    progress: bool = False,
+    as_surface: bool = False,
+) -> FitResult:
+    """Fit a T-spline to measured data, refining until the criterion is met.
+
+    **Arguments:**
+
+    - `data`: a `HeightMap`, a `PointCloud`, `Samples`, or plain arrays (see `as_data`). A cloud is fitted as z over (x, y).
+    - `tolerance`: largest error allowed at any sample, in the data's unit, or with one: `"5nm"`.
+    - `relative_tolerance`: the same as a share of the range (max - min) of the samples that are not outliers.
+    - `noise`: stop where residuals are no longer significantly above the noise: `"auto"` estimates it, a number is its
+      standard deviation. At most one of these three; `"auto"` noise when none is given.
+    - `refinement`: `AnalysisSuitable()` (default) or `Dyadic()`, the paper's.
+    - `solver`: `GlobalSolver()` (default) or `LocalSolver()`; `Dyadic()` with `LocalSolver(ring=0)` is the paper's algorithm.
+    - `lattice`: start lattice (M, N), M elements along x; by default near-square elements, eight along the shorter side;
+      `"auto"` tries a few and both first cuts, and keeps what needs fewest control points (takes several times longer).
+    - `first_cut`: direction in which elements of even level are cut, `"s"` (along x) or `"t"`.
+    - `smoothing`: weight λ of the bending energy; `"auto"` is a trace that only fills gaps, and for a fit to noise is
+      chosen by generalised cross validation.
+    - `weights`: one a sample (or a map), not negative.
+    - `robust`: set isolated spikes aside first (`find_outliers`).
+    - `max_steps`, `max_control_points` (default: half the samples), `max_seconds`: budgets.
+    - `dtype`: `"float32"` to fit in single precision; by default the data's.
+    - `progress`: show a progress bar on standard error.
+    - `as_surface`: fit a cloud's points in space (x, y, z) over planar parameters, not z alone.
+
+    **Returns:** a [`FitResult`][tsplinejax.FitResult]. That a budget ran out is said there, not raised; interrupting
+    (Ctrl-C) returns the best step so far.
+
+    **Raises:** `InputError` for bad data or options.
+
+    >>> import tsplinejax as tsj
+    >>> x, y = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 50))
+    >>> result = tsj.fit(np.exp(-50 * ((x - 0.5) ** 2 + (y - 0.4) ** 2)), tolerance=1e-3)
+    >>> result.converged, result.max_error <= 1e-3
+    (True, True)
+    """
+    started = time.perf_counter()
+    request = read_request(
+        data,
+        tolerance=tolerance,
+        relative_tolerance=relative_tolerance,
+        noise=noise,
+        weights=weights,
+        robust=robust,
+        as_surface=as_surface,
+    )
+    budget = _checked_budget(max_steps, max_control_points, max_seconds)
+    if budget.max_control_points is None:
+        share = 5 if request.tolerance is None else 2
+        budget = replace(budget, max_control_points=max(64, len(request.samples) // share))
+    refinement = refinement or AnalysisSuitable()
+    problem = prepare(request, refinement, solver or GlobalSolver(), budget, smoothing, dtype, first_cut, lattice)
+    if lattice == "auto":
+        problem = choose_lattice(problem)
+    state, stop = _loop(problem, progress)
+    if isinstance(smoothing, str) and request.tolerance is None and stop is StopReason.NOISE:
+        problem, state = smooth_automatically(problem, state)
+    options = {
+        "tolerance": request.tolerance,
+        "noise": None if request.noise is None else request.noise.sigma,
+        "refinement": repr(refinement),
+        "solver": repr(problem.solver),
+        "lattice": list(problem.start.forest.lattice),
+        "first_cut": problem.start.forest.first_cut,
+        "smoothing": problem.smoothing,
+        "robust": robust,
+        "dtype": str(problem.dtype),
+    }
+    source = getattr(data, "provenance", None) or {}
+    provenance = {"software": f"tsplinejax {__version__}", "input": dict(source), "options": options, "stop": str(stop)}
+    return _result(problem, request, state, stop, time.perf_counter() - started, provenance)
+
+
+def prepare(
+    request: Request,
+    refinement: AbstractRefinement,
+    solver: AbstractSolver,
+    budget: Budget,
+    smoothing: float | str,
+    dtype: DTypeLike,
+    first_cut: Direction,
+    lattice: tuple[int, int] | str | None,
+) -> Problem:
+    """Choose precision, start lattice, criterion and λ, and put the samples on the device."""
+    samples = request.samples
+    resolved = resolve_dtype(samples.values.dtype if dtype is None else dtype)
+    start = start_lattice(samples.frame, len(samples), None if isinstance(lattice, str) else lattice, first_cut)
+    if isinstance(lattice, str) and lattice != "auto":
+        raise InputError(f"a lattice is 'auto' or two whole numbers (M, N); received {lattice!r}")
+    if isinstance(smoothing, str):
+        if smoothing != "auto":
+            raise InputError(f"smoothing is 'auto' or a number λ of at least zero; received {smoothing!r}")
+        weight = default_smoothing(len(samples)) if isinstance(refinement, AnalysisSuitable) else 0.0
+    else:
+        weight = float(smoothing)
+        if not np.isfinite(weight) or weight < 0:
+            raise InputError(f"smoothing λ is finite and at least zero; received {smoothing!r}; try 'auto'")
+
+    def criterion(factor: float, permutation: np.ndarray) -> AbstractCriterion:
+        if request.tolerance is not None:
+            return ToleranceCriterion(request.tolerance / factor)
+        assert request.noise is not None
+        return noise_criterion(request.noise, samples, factor, permutation)
+
+    return pose(
+        samples,
+        request.outliers,
+        start=start,
+        criterion=criterion,
+        smoothing=weight,
+        refinement=refinement,
+        solver=solver,
+        budget=budget,
+        dtype=resolved,
+    )
+
+
+def _checked_budget(max_steps: int | None, max_control_points: int | None, max_seconds: float | None) -> Budget:
+    """Budgets above zero."""
+    named = {"max_steps": max_steps, "max_control_points": max_control_points, "max_seconds": max_seconds}
+    for name, value in named.items():
+        if value is not None and (not np.isfinite(value) or value < (0 if name == "max_steps" else 1e-9)):
+            raise InputError(f"{name} is a positive number; received {value!r}; leave it out for no limit")
+    return Budget(max_steps, max_control_points, max_seconds)
+
+
+def _loop(problem: Problem, progress: bool) -> tuple[State, StopReason]:
+    """Advance until a reason to stop; the best state by the user's criterion."""
+    best = state = begin(problem)
+    stop = terminate(problem, state)
+    try:
+        with _progress_bar(progress) as report:
+            while stop is None:
+                report(state)
+                state = advance(problem, state)
+                best = state if state.worst <= best.worst else replace(best, history=state.history)
+                stop = terminate(problem, state)
+            if state.worst > 1 and not state.polished and stop is not StopReason.MAX_SECONDS:
+                state = polish(problem, state)
+                best = state if state.worst <= best.worst else replace(best, history=state.history)
+                if state.worst <= 1:
+                    stop = problem.criterion.met
+    except KeyboardInterrupt:
+        stop = StopReason.INTERRUPTED
+    return best, stop
+
+
+@contextmanager
+def _progress_bar(shown: bool) -> Iterator[Callable[[State], None]]:
+    """A bar that counts down the decades from the first excess to one, on standard error."""
+    if not shown:
+        yield lambda state: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=1.0, bar_format="{l_bar}{bar}| {elapsed}{postfix}", leave=False) as bar:
+        first: list[float] = []
+
+        def report(state: State) -> None:
+            first.append(max(state.worst, 1.0 + 1e-9))
+            done = 1 - np.log(max(state.worst, 1.0)) / np.log(first[0])
+            last = state.history[-1]
+            bar.set_postfix_str(f"{last.control_points} control points, max error {last.max_error:.4g}")
+            bar.update(max(0.0, float(done) - bar.n))
+
+        yield report
+
+
+def _result(
+    problem: Problem, request: Request, state: State, stop: StopReason, seconds: float, provenance: dict[str, Any]
+) -> FitResult:
+    """The frozen result, in the data's unit and order."""
+    scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
+    points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
+    samples = request.samples
+    surface = make_surface(state.mesh.space, points if samples.dimension > 1 else points[:, 0], samples.frame)
+    residuals = np.empty_like(samples.values, dtype=np.float64)
+    residuals[problem.order.permutation] = state.residuals.values * scaling.factor
+    entry = next(step for step in reversed(state.history) if step.control_points == n)
+    warnings = list(request.warnings)
+    if stop not in (StopReason.TOLERANCE, StopReason.NOISE):
+        worst = int(np.argmax(np.where(request.outliers, -1.0, np.linalg.norm(residuals, axis=1))))
+        x, y = samples.frame.xy_of(samples.parameters[worst : worst + 1])[0]
+        warnings.append(
+            f"stopped before the criterion was met ({stop}: {stop.message}); the largest error left is "
+            f"{entry.max_error:.4g} at (x, y) = ({x:.4g}, {y:.4g})"
+        )
+    return FitResult(
+        surface=surface,
+        samples=samples,
+        residuals=residuals if samples.dimension > 1 else residuals[:, 0],
+        outliers=request.outliers,
+        stop=stop,
+        converged=stop in (StopReason.TOLERANCE, StopReason.NOISE),
+        tolerance=float("nan") if request.tolerance is None else request.tolerance,
+        noise=None if request.noise is None else request.noise.sigma,
+        max_error=entry.max_error,
+        rms_error=entry.rms_error,
+        snr_db=entry.snr_db,
+        snr_db_centred=entry.snr_db_centred,
+        range=request.range,
+        unit=samples.frame.unit,
+        smoothing=problem.smoothing,
+        control_points=n,
+        elements=state.mesh.tmesh.n_elements,
+        seconds=seconds,
+        history=state.history,
+        warnings=tuple(warnings),
+        provenance=provenance,
+    )
