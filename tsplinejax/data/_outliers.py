@@ -203,4 +203,16 @@ def _apart(around: Float[np.ndarray, "m k"], floor: float, contrast: float) -> B
 
 
 def _of_space(points: Float[np.ndarray, "m 3"], contrast: float) -> Bool[np.ndarray, " m"]:
-    raise NotImplementedError
+    """Outliers of points in space: the gap in distance off the plane through the nearest other points."""
+    result = np.zeros(len(points), bool)
+    if len(points) < 10:
+        return result
+    nearest = _nearest(points)
+    floor = _floor(points.ravel())
+    for start in range(0, len(points), _CHUNK):
+        around = points[nearest[start : start + _CHUNK]]
+        others = around[:, 1:] - around[:, 1:].mean(axis=1, keepdims=True)
+        normals = np.linalg.eigh(np.einsum("mki,mkj->mij", others, others))[1][:, :, 0]
+        offsets = np.einsum("mki,mi->mk", around - around[:, :1], normals)
+        result[start : start + _CHUNK] = _apart(offsets, floor, contrast)
+    return result

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..mesh import MAX_LEVEL, bisect
+from ..mesh import MAX_LEVEL, Refinement, bisect
 from ..space import make_blocks, pad
 from ..surface import beside_anchors, blossom
 from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
@@ -40,6 +40,7 @@ class State:
     - `stage`: the multiple that elements are marked against.
     - `polished`: whether the coefficients come from a long solve.
     - `history`: the steps so far; `started`: the clock's reading when the loop began.
+    - `exhausted`: whether any further refinement would exceed the control-point budget.
     """
 
     mesh: Discretisation
@@ -52,6 +53,7 @@ class State:
     polished: bool
     history: tuple[Step, ...]
     started: float
+    exhausted: bool = False
 
     @property
     def worst(self) -> float:
@@ -83,8 +85,9 @@ def advance(problem: Problem, state: State) -> State:
     started = time.perf_counter()
     if state.worst <= 1:
         return polish(problem, state)
-    marked, stage = mark(problem, state)
-    refinement = bisect(state.mesh.tmesh, problem.refinement.complete(state.mesh.tmesh, marked))
+    refinement, stage = _refine(problem, state)
+    if refinement is None:
+        return replace(state, exhausted=True)
     mesh = discretise(
         refinement.mesh,
         problem.order,
@@ -139,7 +142,7 @@ def terminate(problem: Problem, state: State) -> StopReason | None:
         return StopReason.MAX_STEPS
     if budget.max_seconds is not None and time.perf_counter() - state.started >= budget.max_seconds:
         return StopReason.MAX_SECONDS
-    if budget.max_control_points is not None and last.control_points >= budget.max_control_points:
+    if state.exhausted:
         return StopReason.MAX_CONTROL_POINTS
     if not (splittable(problem, state) & (state.excess > 1)).any():
         return StopReason.FINEST
@@ -164,6 +167,21 @@ def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"],
     while stage > 1 and worst <= stage:
         stage = max(1.0, stage * problem.stage_factor)
     return can & (state.excess > stage), stage
+
+
+def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
+    """Bisect what is marked, or the worst part of it that the control-point budget allows; `None` where it allows none."""
+    tmesh, limit = state.mesh.tmesh, problem.budget.max_control_points
+    marked, stage = mark(problem, state)
+    while marked.any():
+        refinement = bisect(tmesh, problem.refinement.complete(tmesh, marked))
+        if limit is None or refinement.mesh.n_anchors <= limit:
+            return refinement, stage
+        worst_first = np.argsort(np.where(marked, -state.excess, np.inf), kind="stable")
+        half = worst_first[: int(marked.sum()) // 2]
+        marked = np.zeros_like(marked)
+        marked[half] = True
+    return None, stage
 
 
 def _touched(mesh: Discretisation, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:

@@ -126,8 +126,10 @@ def noise_criterion(
 def _ratio(
     statistic: np.ndarray, variance: np.ndarray, mean: np.ndarray, correlated: float, significance: float
 ) -> np.ndarray:
-    """A statistic over its threshold: mean plus so many standard deviations, both times the variance."""
-    threshold = variance * (mean + significance * np.sqrt(2 * mean * correlated))
+    """A statistic over its threshold: the quantile of σ² κ χ²(mean / κ), by Wilson and Hilferty's cube root."""
+    freedom = np.maximum(mean / correlated, 1e-9)
+    spread = 2 / (9 * freedom)
+    threshold = variance * mean * (1 - spread + significance * np.sqrt(spread)) ** 3
     return np.where(statistic > 0, statistic / np.maximum(threshold, np.finfo(np.float64).tiny), 0)
 
 

@@ -69,9 +69,7 @@ class Discretisation:
         return reduce.reduceat(per_bezier, self.owner_starts, axis=0)
 
 
-def discretise(
-    tmesh: TMesh, order: Order, *, dtype: np.dtype, rational: bool, least_capacity: int
-) -> Discretisation:
+def discretise(tmesh: TMesh, order: Order, *, dtype: np.dtype, rational: bool, least_capacity: int) -> Discretisation:
     """Extract a T-mesh's space and find the samples of its elements."""
     elements = bezier_elements(tmesh)
     assert elements.codes is not None
@@ -82,6 +80,9 @@ def discretise(
 
 def same_elements(old: BezierElements, new: BezierElements) -> Int[np.ndarray, " new"]:
     """For each new Bézier element the index of the same old one, or -1."""
+    assert old.codes is not None
+    assert old.levels is not None
+    assert new.codes is not None
     place = np.minimum(np.searchsorted(old.codes, new.codes), len(old) - 1)
     same = (old.codes[place] == new.codes) & (old.levels[place] == new.levels)
     return np.where(same, place, -1)

@@ -1,8 +1,8 @@
 """Bending energy ∫ |f_xx|² + 2 |f_xy|² + |f_yy|² dx dy, exact on every Bézier element.
 
-Lengths are physical and counted in units of √(Lx Ly), so that the energy (in the values' unit squared) and the smoothing
-weight λ do not depend on the unit of length. A linear smoothing of weight λ on m evenly spread samples transmits a wave of
-length L with 1 / (1 + (λc / L)⁴), where λ = m (λc / 2π)⁴ and λc is in the same unit of length.
+Lengths are physical and counted in units of √(Lx Ly), so that the energy (in the values' unit squared) and the
+smoothing weight λ do not depend on the unit of length. A linear smoothing of weight λ on m evenly spread samples
+transmits a wave of length L with 1 / (1 + (λc / L)⁴), where λ = m (λc / 2π)⁴ and λc is in the same unit of length.
 """
 
 import jax
@@ -23,9 +23,7 @@ def element_energy(
         for along in (along_s, along_t)
     )
     width, height = sides[:, 0, None, None], sides[:, 1, None, None]
-    return (
-        s[2] * t[0] * height / width**3 + 2 * s[1] * t[1] / (width * height) + s[0] * t[2] * width / height**3
-    )
+    return s[2] * t[0] * height / width**3 + 2 * s[1] * t[1] / (width * height) + s[0] * t[2] * width / height**3
 
 
 @jax.jit

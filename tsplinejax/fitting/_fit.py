@@ -1,8 +1,6 @@
 """`fit`: from measured data to a T-spline, the adaptive loop with its options."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -15,13 +13,13 @@ from .._version import __version__
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction
 from ..space import resolve_dtype
 from ..surface import make_surface
-from ._adaptive import State, advance, begin, polish, terminate
+from ._adaptive import State
 from ._criteria import AbstractCriterion, ToleranceCriterion, noise_criterion
 from ._energy import default_smoothing
-from ._lattice import choose_lattice
 from ._options import Length, Request, read_request
 from ._problem import Budget, Problem, pose, start_lattice
 from ._result import FitResult, StopReason
+from ._run import run, run_best_lattice
 from ._smoothing import smooth_automatically
 from ._solve import AbstractSolver, GlobalSolver
 
@@ -97,8 +95,9 @@ def fit(
     refinement = refinement or AnalysisSuitable()
     problem = prepare(request, refinement, solver or GlobalSolver(), budget, smoothing, dtype, first_cut, lattice)
     if lattice == "auto":
-        problem = choose_lattice(problem)
-    state, stop = _loop(problem, progress)
+        problem, state, stop = run_best_lattice(problem, progress=progress)
+    else:
+        state, stop = run(problem, progress=progress)
     if isinstance(smoothing, str) and request.tolerance is None and stop is StopReason.NOISE:
         problem, state = smooth_automatically(problem, state)
     options = {
@@ -168,48 +167,6 @@ def _checked_budget(max_steps: int | None, max_control_points: int | None, max_s
         if value is not None and (not np.isfinite(value) or value < (0 if name == "max_steps" else 1e-9)):
             raise InputError(f"{name} is a positive number; received {value!r}; leave it out for no limit")
     return Budget(max_steps, max_control_points, max_seconds)
-
-
-def _loop(problem: Problem, progress: bool) -> tuple[State, StopReason]:
-    """Advance until a reason to stop; the best state by the user's criterion."""
-    best = state = begin(problem)
-    stop = terminate(problem, state)
-    try:
-        with _progress_bar(progress) as report:
-            while stop is None:
-                report(state)
-                state = advance(problem, state)
-                best = state if state.worst <= best.worst else replace(best, history=state.history)
-                stop = terminate(problem, state)
-            if state.worst > 1 and not state.polished and stop is not StopReason.MAX_SECONDS:
-                state = polish(problem, state)
-                best = state if state.worst <= best.worst else replace(best, history=state.history)
-                if state.worst <= 1:
-                    stop = problem.criterion.met
-    except KeyboardInterrupt:
-        stop = StopReason.INTERRUPTED
-    return best, stop
-
-
-@contextmanager
-def _progress_bar(shown: bool) -> Iterator[Callable[[State], None]]:
-    """A bar that counts down the decades from the first excess to one, on standard error."""
-    if not shown:
-        yield lambda state: None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=1.0, bar_format="{l_bar}{bar}| {elapsed}{postfix}", leave=False) as bar:
-        first: list[float] = []
-
-        def report(state: State) -> None:
-            first.append(max(state.worst, 1.0 + 1e-9))
-            done = 1 - np.log(max(state.worst, 1.0)) / np.log(first[0])
-            last = state.history[-1]
-            bar.set_postfix_str(f"{last.control_points} control points, max error {last.max_error:.4g}")
-            bar.update(max(0.0, float(done) - bar.n))
-
-        yield report
 
 
 def _result(

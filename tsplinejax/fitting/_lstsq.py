@@ -1,7 +1,7 @@
 """Least squares on a fixed space, differentiable with respect to values, weights, parameters and smoothing.
 
-min_P Σ_j w_j |v_j - f_P(s_j, t_j)|² + λ E(f_P). The linear solve is implicit: its derivatives solve the same system, so they
-cost one more solve and hold at the solution, whatever path the iterations took.
+min_P Σ_j w_j |v_j - f_P(s_j, t_j)|² + λ E(f_P). The linear solve is implicit: its derivatives solve the same system,
+so they cost one more solve and hold at the solution, whatever path the iterations took.
 """
 
 from functools import partial
@@ -109,7 +109,7 @@ def _solve(
     return jax.lax.custom_linear_solve(apply, load, iterate, symmetric=True)
 
 
-def _conjugate_gradients(apply, load: Array, *, scale: Array, tolerance: float) -> Array:  # noqa: ANN001
+def _conjugate_gradients(apply, load: Array, *, scale: Array, tolerance: float) -> Array:
     """Solve a symmetric positive system from zero; every column on its own."""
 
     def unfinished(state: tuple[Array, ...]) -> Array:
@@ -128,7 +128,8 @@ def _conjugate_gradients(apply, load: Array, *, scale: Array, tolerance: float) 
     z = scale * load
     energy = jnp.sum(load * z, axis=0)
     limit = tolerance**2 * energy
-    return jax.lax.while_loop(unfinished, iterate, (jnp.zeros_like(load), load, z, energy, 0))[0]
+    state = (jnp.zeros_like(load), load, z, energy, jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(unfinished, iterate, state)[0]
 
 
 def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -> Moments:
@@ -137,15 +138,14 @@ def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -
     chunks = -(-m // CHUNK) if m > CHUNK else 1
     length = -(-m // chunks)
     padding = chunks * length - m
-    parts = [
-        jnp.pad(part, ((0, padding), *((0, 0) for _ in part.shape[1:]))).reshape(chunks, length, *part.shape[1:])
-        for part in (places, values, weights)
-    ]
+
+    def chunked(part: Array) -> Array:
+        padded = jnp.pad(part, ((0, padding), *((0, 0) for _ in part.shape[1:])))
+        return padded.reshape(chunks, length, *part.shape[1:])
+
     sums = sum_points(space) if space.rational else None
     capacity = space.corner.shape[0]
-    empty = Moments(
-        jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, values.shape[1]), space.dtype)
-    )
+    empty = Moments(jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, values.shape[1]), space.dtype))
 
     def add(moments: Moments, chunk: tuple[Array, Array, Array]) -> tuple[Moments, None]:
         places, values, weights = chunk
@@ -160,4 +160,4 @@ def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -
         cubic = (cubic_s * weights[:, None])[:, :, None] * cubic_t[:, None, :]
         return Moments(mass, moments.load.at[element].add(cubic[..., None] * values[:, None, None])), None
 
-    return jax.lax.scan(add, empty, tuple(parts))[0]
+    return jax.lax.scan(add, empty, (chunked(places), chunked(values), chunked(weights)))[0]

@@ -1,7 +1,8 @@
 """Moments: all that least squares needs to know of the samples in a Bézier element.
 
 A product of two cubic Bernstein polynomials is a multiple of one of degree six, so the normal matrix of an element
-follows from 7 × 7 numbers, Σ_j w_j B⁶_a(u_j) B⁶_b(v_j), and its right-hand side from 4 × 4 × d, Σ_j w_j B³_a(u_j) B³_b(v_j) v_j.
+follows from 7 × 7 numbers, Σ_j w_j B⁶_a(u_j) B⁶_b(v_j), and its right-hand side from 4 × 4 × d, Σ_j w_j B³_a(u_j)
+B³_b(v_j) v_j.
 
 For rational surfaces, Σ_j w_j |v_j - b P / Σb|² is the polynomial problem with weights w_j / (Σb)² and values v_j Σb.
 """
@@ -53,19 +54,18 @@ def _add_tile(
     if sums is not None:
         total = jnp.einsum("tla,tlb,tab->tl", cubic_s, cubic_t, sums[tile.element])
         weights, values = weights / total**2, values * total[..., None]
-    highest = {"precision": "highest"}
-    mass = jnp.einsum("tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), **highest)
+    mass = jnp.einsum(
+        "tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), precision="highest"
+    )
     weighted = values * weights[..., None]
-    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, **highest)
+    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, precision="highest")
     return Moments(moments.mass.at[tile.element].add(mass), moments.load.at[tile.element].add(load))
 
 
 def empty_moments(space: SplineSpace, dimension: int) -> Moments:
     """Moments of no samples."""
     capacity = space.corner.shape[0]
-    return Moments(
-        jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, dimension), space.dtype)
-    )
+    return Moments(jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, dimension), space.dtype))
 
 
 @jax.jit
@@ -73,9 +73,7 @@ def inherit_moments(moments: Moments, source: Array) -> Moments:
     """Moments moved to a new numbering: those of the old element `source`, or none where it is negative."""
     known = (source >= 0)[:, None, None]
     source = jnp.maximum(source, 0)
-    return Moments(
-        jnp.where(known, moments.mass[source], 0), jnp.where(known[..., None], moments.load[source], 0)
-    )
+    return Moments(jnp.where(known, moments.mass[source], 0), jnp.where(known[..., None], moments.load[source], 0))
 
 
 def add_samples(

@@ -42,6 +42,7 @@ class Problem:
     - `scaling`: from fitted values back to the data's.
     - `extent`: physical extent in units of √(Lx Ly).
     - `criterion`, `refinement`, `solver`, `budget`: the strategies.
+    - `make_criterion`: makes the criterion for a scaling factor and a sorting permutation.
     - `smoothing`: weight λ of the bending energy.
     - `stage_factor`: by how much the marking threshold falls from stage to stage.
     """
@@ -54,6 +55,7 @@ class Problem:
     scaling: Scaling
     extent: Float[Array, " 2"]
     criterion: AbstractCriterion
+    make_criterion: Callable[[float, np.ndarray], AbstractCriterion]
     smoothing: float
     refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
     solver: AbstractSolver = field(default_factory=GlobalSolver)
@@ -102,14 +104,41 @@ def start_lattice(frame: Frame, n_samples: int, lattice: tuple[int, int] | None,
     if lattice is None:
         width, height = frame.extent
         shorter = int(np.clip(np.sqrt(n_samples / max(width / height, height / width)) / 4, 1, 8))
-        unit = min(width, height) / shorter
-        lattice = (max(1, round(width / unit)), max(1, round(height / unit)))
+        lattice = scaled_lattice(frame, shorter)
         if lattice[0] * lattice[1] > 4 * n_samples:
             raise InputError(
                 f"the data's sides are {width:g} and {height:g}, too unequal for near-square elements with "
                 f"{n_samples} samples; give a lattice, for instance (64, 1)"
             )
     return b_lattice(*lattice, first_cut=first_cut)
+
+
+def scaled_lattice(frame: Frame, shorter: int) -> tuple[int, int]:
+    """A lattice of near-square elements with the given number along the shorter side."""
+    width, height = frame.extent
+    unit = min(width, height) / shorter
+    return max(1, round(width / unit)), max(1, round(height / unit))
+
+
+def restart(problem: Problem, lattice: tuple[int, int], first_cut: Direction) -> Problem:
+    """The same problem from another start lattice."""
+    start = b_lattice(*lattice, first_cut=first_cut)
+    if start.forest is not None and problem.start.forest is not None:
+        same = (start.forest.lattice, first_cut) == (problem.start.forest.lattice, problem.start.forest.first_cut)
+        if same:
+            return problem
+    return pose(
+        problem.data,
+        problem.outliers,
+        start=start,
+        criterion=problem.make_criterion,
+        smoothing=problem.smoothing,
+        refinement=problem.refinement,
+        solver=problem.solver,
+        budget=problem.budget,
+        dtype=problem.dtype,
+    )
+
 
 def prepare_samples(
     data: Samples, order_mesh: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
@@ -148,6 +177,7 @@ def pose(
         scaling=scaling,
         extent=physical_extent(data.frame, dtype),
         criterion=criterion(scaling.factor, order.permutation),
+        make_criterion=criterion,
         smoothing=smoothing,
         refinement=refinement,
         solver=solver,

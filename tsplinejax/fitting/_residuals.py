@@ -32,9 +32,7 @@ def _tile_residuals(points: Array, samples: SortedSamples, tile: Tile, corner: A
     counted = local.weights > 0
     residuals = jnp.where(counted[..., None], local.values - values, 0)
     squares = jnp.sum(residuals**2, axis=-1)
-    return BlockResiduals(
-        residuals, jnp.sqrt(jnp.max(squares, axis=1)), jnp.sum(local.weights * squares, axis=1)
-    )
+    return BlockResiduals(residuals, jnp.sqrt(jnp.max(squares, axis=1)), jnp.sum(local.weights * squares, axis=1))
 
 
 @jax.jit

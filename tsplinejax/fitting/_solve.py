@@ -1,7 +1,8 @@
 """Least squares over a spline space by preconditioned conjugate gradients.
 
-The objective Σ_j w_j |v_j - f(s_j, t_j)|² + λ E(f) is a quadratic form in the control points. Conjugate gradients start from the surface of the step before, exactly transferred, so every
-iteration lowers the objective. [`LocalSolver`][tsplinejax.LocalSolver] frees only the control points near a change (Eqs 5-6),
+The objective Σ_j w_j |v_j - f(s_j, t_j)|² + λ E(f) is a quadratic form in the control points. Conjugate gradients
+start from the surface of the step before, exactly transferred, so every iteration lowers the objective.
+[`LocalSolver`][tsplinejax.LocalSolver] frees only the control points near a change (Eqs 5-6),
 [`GlobalSolver`][tsplinejax.GlobalSolver] all of them (Eq. 4).
 """
 

@@ -59,7 +59,7 @@ def assemble(
 
     `extent` is the physical extent in units of √(Lx Ly).
     """
-    chunk = max(64, len(space.corner) // 8)
+    chunk = max(64, len(space.corner) // 32)
     store = (system.matrices, system.loads)
     weight = jnp.asarray(smoothing, space.dtype)
     for first in range(0, len(elements), chunk):
@@ -109,5 +109,7 @@ def bernstein_mass(mass: Float[Array, "e 7 7"]) -> Float[Array, "e 16 16"]:
     """Gram matrices of the sixteen products of cubic Bernstein polynomials, from the moments of degree six."""
     weights = jnp.asarray(product_weights(), mass.dtype)
     place = np.add.outer(np.arange(4), np.arange(4))
-    full = mass[:, place[:, None, :, None], place[None, :, None, :]] * weights[:, None, :, None] * weights[None, :, None]
+    full = (
+        mass[:, place[:, None, :, None], place[None, :, None, :]] * weights[:, None, :, None] * weights[None, :, None]
+    )
     return full.reshape(-1, 16, 16)

@@ -1,7 +1,13 @@
 """T-meshes on the host: topology, refinement, local knot vectors. numpy only."""
 
 from ._check import Verdict as Verdict, is_analysis_suitable as is_analysis_suitable
-from ._codes import Border as Border, DEPTH as DEPTH, MAX_LEVEL as MAX_LEVEL, Direction as Direction, cell_boxes as cell_boxes
+from ._codes import (
+    DEPTH as DEPTH,
+    MAX_LEVEL as MAX_LEVEL,
+    Border as Border,
+    Direction as Direction,
+    cell_boxes as cell_boxes,
+)
 from ._knots import anchor_codes as anchor_codes
 from ._refine import (
     AbstractRefinement as AbstractRefinement,

@@ -1,8 +1,8 @@
 """Is a T-mesh analysis-suitable, and if not, why?
 
-A T-mesh is analysis-suitable where no horizontal T-junction extension meets a vertical one (Scott, Li, Sederberg & Hughes,
-"Local refinement of analysis-suitable T-splines", CMAME 213-216, 2012). For bicubic functions the extension of a
-T-junction runs two elements on in the direction of the missing edge and one element back.
+A T-mesh is analysis-suitable where no horizontal T-junction extension meets a vertical one (Scott, Li, Sederberg &
+Hughes, "Local refinement of analysis-suitable T-splines", CMAME 213-216, 2012). For bicubic functions the extension
+of a T-junction runs two elements on in the direction of the missing edge and one element back.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,9 @@ def is_analysis_suitable(tmesh: TMesh) -> Verdict:
     if meeting is None:
         return Verdict(True, f"{len(along_s) + len(along_t)} T-junctions, no extensions meet")
     first, second = (_describe(tmesh, axis, row) for axis, row in zip((0, 1), meeting, strict=True))
-    return Verdict(False, f"the extension along s of the T-junction at {first} meets that along t of the one at {second}")
+    return Verdict(
+        False, f"the extension along s of the T-junction at {first} meets that along t of the one at {second}"
+    )
 
 
 def _extensions(tmesh: TMesh, axis: int) -> np.ndarray:

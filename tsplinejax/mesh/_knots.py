@@ -1,8 +1,8 @@
 """Anchors and local knot vectors by Sederberg's rule one.
 
-From an anchor, a ray along its row meets the closed vertical skeleton at the nearest side of the element above the row or
-of the element below it, whichever comes first: an edge that ends on the row from below bounds the lower element. Rows in
-the frame see the lines that reach the border, because these run straight through the frame.
+From an anchor, a ray along its row meets the closed vertical skeleton at the nearest side of the element above the
+row or of the element below it, whichever comes first: an edge that ends on the row from below bounds the lower
+element. Rows in the frame see the lines that reach the border, because these run straight through the frame.
 """
 
 from typing import TYPE_CHECKING

@@ -1,13 +1,14 @@
 """T-meshes: rectangles that tile the parameter square, T-junctions allowed.
 
-A [`TMesh`][tsplinejax.mesh.TMesh] lives on the host, in integer *index coordinates*: `x` counts along s and `y` along t.
-Index lines inside the mesh run from 0 to `extent`; the frame lines beyond them (three on each side, `frame` apart) carry
-the border's repeated knots. [`TMesh.parameters`][tsplinejax.mesh.TMesh.parameters] maps index lines to parameters.
+A [`TMesh`][tsplinejax.mesh.TMesh] lives on the host, in integer *index coordinates*: `x` counts along s and `y` along
+t. Index lines inside the mesh run from 0 to `extent`; the frame lines beyond them (three on each side, `frame` apart)
+carry the border's repeated knots. [`TMesh.parameters`][tsplinejax.mesh.TMesh.parameters] maps index lines to
+parameters.
 
-Two kinds of mesh share the class. A *dyadic forest* starts from a B-lattice of M × N unit squares and bisects elements at
-their middle; an element of level k was bisected k times, its Z-order code identifies it, and the codes stay sorted, so
-that the element that holds a point is one binary search away at any depth. A mesh *given by hand* is any tiling by
-rectangles, and keeps a table of its index cells instead.
+Two kinds of mesh share the class. A *dyadic forest* starts from a B-lattice of M × N unit squares and bisects
+elements at their middle; an element of level k was bisected k times, its Z-order code identifies it, and the codes
+stay sorted, so that the element that holds a point is one binary search away at any depth. A mesh *given by hand* is
+any tiling by rectangles, and keeps a table of its index cells instead.
 """
 
 from dataclasses import dataclass, field
@@ -15,14 +16,16 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from .._errors import InputError
-from ._codes import DEPTH, MAX_LATTICE, UNIT, Border, Direction, cell_boxes, z_order
+from ._codes import DEPTH, MAX_LATTICE, MAX_LEVEL, UNIT, Border, Direction, cell_boxes, z_order
 from ._knots import find_anchors, find_local_knots
 
-def frozen_array(values: object, dtype: object = None) -> np.ndarray:
+
+def frozen_array(values: ArrayLike) -> np.ndarray:
     """A read-only copy-free view: host values never change after they are made."""
-    array = np.asarray(values, dtype=dtype).view()
+    array = np.asarray(values).view()
     array.flags.writeable = False
     return array
 
@@ -142,21 +145,31 @@ def b_lattice(columns: int, rows: int, *, first_cut: Direction = "s", border: Bo
     >>> b_lattice(8, 8).n_anchors
     121
     """
+    _check_lattice(columns, rows)
+    _check_words(first_cut, border)
+    x, y = (grid.ravel() * UNIT for grid in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
+    codes = z_order(x, y) if first_cut == "s" else z_order(y, x)
+    order = np.argsort(codes)
+    levels = np.zeros(len(order), np.int64)
+    return make_forest_mesh((int(columns), int(rows)), first_cut, levels, codes[order], border)
+
+
+def _check_lattice(columns: int, rows: int) -> None:
+    """Raise unless both counts are whole numbers in range."""
     for name, count in (("columns", columns), ("rows", rows)):
         if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_LATTICE:
             raise InputError(
                 f"a lattice has 1 to {MAX_LATTICE} elements along each side; received {name} = {count!r}; "
                 "give two whole numbers, for instance (8, 8)"
             )
+
+
+def _check_words(first_cut: str, border: str) -> None:
+    """Raise for an unknown direction or border."""
     if first_cut not in ("s", "t"):
         raise InputError(f"the first cut runs across 's' or 't'; received {first_cut!r}; choose one of the two")
     if border not in ("clamped", "open"):
         raise InputError(f"the border is 'clamped' or 'open'; received {border!r}; choose one of the two")
-    x, y = (grid.ravel() * UNIT for grid in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
-    codes = z_order(x, y) if first_cut == "s" else z_order(y, x)
-    order = np.argsort(codes)
-    levels = np.zeros(len(order), np.int64)
-    return make_forest_mesh((int(columns), int(rows)), first_cut, levels, codes[order], border)
 
 
 def make_forest_mesh(
@@ -179,19 +192,29 @@ def forest_from_boxes(
     >>> forest_from_boxes(b_lattice(2, 1).boxes, (2, 1), first_cut="s", border="clamped").n_elements
     2
     """
+    _check_words(first_cut, border)
+    _check_lattice(*lattice)
+    extent = np.array(lattice) * UNIT
     widths = boxes[:, 2:] - boxes[:, :2]
-    if len(boxes) == 0 or (widths < 1).any() or (widths > UNIT).any() or (boxes[:, :2] < 0).any():
-        raise InputError("a dyadic T-mesh has elements of 1 to 2^16 index cells; these boxes have not")
-    halvings = DEPTH - np.round(np.log2(widths)).astype(np.int64)
-    major, minor = (0, 1) if first_cut == "s" else (1, 0)
-    levels = halvings.sum(axis=1)
-    codes = z_order(boxes[:, major], boxes[:, minor])
+    if len(boxes) == 0 or (widths < 1).any() or (boxes[:, :2] < 0).any() or (boxes[:, 2:] > extent).any():
+        raise InputError(
+            f"the elements of a dyadic T-mesh lie in its lattice of {lattice[0]} × {lattice[1]} squares; "
+            "these boxes do not"
+        )
+    # Cells that are not a square's 2^-k parts come out otherwise from their own levels and codes.
+    levels = (DEPTH - np.log2(widths)).astype(np.int64).sum(axis=1)
+    codes = z_order(boxes[:, 0], boxes[:, 1]) if first_cut == "s" else z_order(boxes[:, 1], boxes[:, 0])
     order = np.argsort(codes)
-    mesh = make_forest_mesh(lattice, first_cut, levels[order], codes[order], border)
-    covered = np.append(codes[order] + (np.int64(1) << (2 * DEPTH - levels[order])), 0)
-    joined = (covered[:-2] == codes[order][1:]) | (codes[order][1:] & ((1 << 2 * DEPTH) - 1) == 0)
-    if not np.array_equal(mesh.boxes, boxes[order]) or not joined.all() or (widths / UNIT).prod(axis=1).sum() != np.prod(lattice):
-        raise InputError("these boxes are not the elements of a bisected lattice; they overlap, leave gaps or are cut elsewhere than in the middle")
+    levels, codes = np.clip(levels[order], 0, MAX_LEVEL), codes[order]
+    mesh = make_forest_mesh(lattice, first_cut, levels, codes, border)
+    spans = np.int64(1) << (2 * DEPTH - levels)
+    apart = (codes[:-1] + spans[:-1] <= codes[1:]).all()
+    full = int(spans.sum()) == lattice[0] * lattice[1] << 2 * DEPTH
+    if not (np.array_equal(mesh.boxes, boxes[order]) and apart and full):
+        raise InputError(
+            "these boxes are not the elements of a bisected lattice; they overlap, leave gaps or are cut elsewhere "
+            "than in the middle"
+        )
     return mesh
 
 
@@ -206,15 +229,19 @@ def from_rectangles(rectangles: Float[np.ndarray, "elements 4"], *, border: Bord
     **Raises:** `InputError` where the rectangles overlap, leave gaps or do not fill [0, 1]².
 
     >>> from_rectangles([[0, 0, 0.5, 1], [0.5, 0, 1, 0.5], [0.5, 0.5, 1, 1]])
-    TMesh(3 elements, 21 anchors, given by hand)
+    TMesh(3 elements, 23 anchors, given by hand)
     """
-    given = np.asarray(rectangles, dtype=np.float64)
+    _check_words("s", border)
+    try:
+        given = np.asarray(rectangles, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a T-mesh is given as rows of four numbers s0, t0, s1, t1; {error}") from error
     if given.ndim != 2 or given.shape[1] != 4 or len(given) == 0 or not np.isfinite(given).all():
         raise InputError(
             "a T-mesh is given as finite rows s0, t0, s1, t1; received an array of shape "
             f"{given.shape}; give one row for each rectangle"
         )
-    lines = tuple(np.unique(given[:, [k, k + 2]]) for k in range(2))
+    lines = (np.unique(given[:, [0, 2]]), np.unique(given[:, [1, 3]]))
     for name, knots in zip("st", lines, strict=True):
         if knots[0] != 0.0 or knots[-1] != 1.0:
             raise InputError(
@@ -224,7 +251,8 @@ def from_rectangles(rectangles: Float[np.ndarray, "elements 4"], *, border: Bord
     shape = (len(lines[0]) - 1, len(lines[1]) - 1)
     table = _index_table(boxes, shape)
     extent = (int(shape[0]), int(shape[1]))
-    return TMesh(frozen_array(boxes), extent, 1, tuple(map(frozen_array, lines)), border, None, frozen_array(table))
+    knots = (frozen_array(lines[0]), frozen_array(lines[1]))
+    return TMesh(frozen_array(boxes), extent, 1, knots, border, None, frozen_array(table))
 
 
 def _index_table(boxes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Cubic Bernstein polynomials and what local knots look like in them.
 
-A polynomial of degree p on [0, 1] is written Σ_a c_a B^p_a(u). A cubic blending function's piece over [0, 1] has the four
-Bernstein coefficients f(0,0,0), f(0,0,1), f(0,1,1), f(1,1,1) of its blossom f, and the blossom follows the
+A polynomial of degree p on [0, 1] is written Σ_a c_a B^p_a(u). A cubic blending function's piece over [0, 1] has the
+four Bernstein coefficients f(0,0,0), f(0,0,1), f(0,1,1), f(1,1,1) of its blossom f, and the blossom follows the
 Cox-de Boor recursion with a different argument at each degree.
 """
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
-from ..mesh import TMesh, forest_from_boxes, from_rectangles
+from ..mesh import Border, Direction, TMesh, forest_from_boxes, from_rectangles
 from ._bernstein import blossom_pieces
 from ._extraction import BezierElements, bezier_elements
 from ._locate import AbstractLocator, make_locator
@@ -41,14 +41,15 @@ class Topology(eqx.Module):
     boxes: Int[np.ndarray, "capacity 4"]
     lattice: Int[np.ndarray, " 2"]
     lines: tuple[np.ndarray, np.ndarray] | None
-    first_cut: str | None = eqx.field(static=True)
-    border: str = eqx.field(static=True)
+    first_cut: Direction | None = eqx.field(static=True)
+    border: Border = eqx.field(static=True)
 
     def rebuild(self) -> TMesh:
         """The T-mesh."""
         boxes = np.asarray(self.boxes, np.int64)
         boxes = boxes[boxes[:, 0] >= 0]
         if self.lines is None:
+            assert self.first_cut is not None
             columns, rows = (int(count) for count in self.lattice)
             return forest_from_boxes(boxes, (columns, rows), first_cut=self.first_cut, border=self.border)
         corners = [np.asarray(self.lines[k % 2])[boxes[:, k]] for k in range(4)]
@@ -98,7 +99,7 @@ class SplineSpace(eqx.Module):
 def spline_space(
     tmesh: TMesh,
     *,
-    dtype: DTypeLike = None,
+    dtype: DTypeLike | None = None,
     rational: bool | None = None,
     elements: BezierElements | None = None,
     capacity: int | None = None,
@@ -151,7 +152,7 @@ def spline_space(
     )
 
 
-def resolve_dtype(dtype: DTypeLike) -> np.dtype:
+def resolve_dtype(dtype: DTypeLike | None) -> np.dtype:
     """float32 or float64; float64 only where JAX's x64 mode is on."""
     x64 = jax.config.read("jax_enable_x64")
     if dtype is None:
@@ -205,9 +206,7 @@ def _extract(functions: Array, knots: Array, boxes: Array, dtype: np.dtype) -> t
     return pieces[:, :, 0], pieces[:, :, 1]
 
 
-def _parameter_boxes(
-    tmesh: TMesh, boxes: np.ndarray, capacity: int, dtype: np.dtype
-) -> tuple[np.ndarray, np.ndarray]:
+def _parameter_boxes(tmesh: TMesh, boxes: np.ndarray, capacity: int, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray]:
     """Lower corners and sizes of the Bézier elements in parameters."""
     values = np.stack([tmesh.parameters(k % 2, boxes[:, k]) for k in range(4)], axis=1)
     corner = pad(values[:, :2].astype(dtype), capacity, 0)

@@ -1,8 +1,8 @@
 """Differential geometry of T-splines: unit normals and curvatures, in physical coordinates.
 
-A height map is the surface (x, y, f) with x and y from its frame; its normals point up. A surface in space has the normal
-q_s × q_t. With the first fundamental form E, F, G and the second e, f, g:
-K = (e g - f²) / (E G - F²), H = (e G - 2 f F + g E) / (2 (E G - F²)); H is positive where the surface bends towards n.
+A height map is the surface (x, y, f) with x and y from its frame; its normals point up. A surface in space has the
+normal q_s × q_t. With the first fundamental form E, F, G and the second e, f, g: K = (e g - f²) / (E G - F²), H = (e
+G - 2 f F + g E) / (2 (E G - F²)); H is positive where the surface bends towards n.
 """
 
 import equinox as eqx

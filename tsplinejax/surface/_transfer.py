@@ -1,7 +1,8 @@
 """Exact transfer of a surface to a refined space, by blossoms.
 
-The coefficient of a blending function is the tensor blossom of the surface's Bézier piece beside the function's anchor, at
-the function's three inner knots in each direction. On nested spaces the refined surface is the old one to round-off.
+The coefficient of a blending function is the tensor blossom of the surface's Bézier piece beside the function's
+anchor, at the function's three inner knots in each direction. On nested spaces the refined surface is the old one to
+round-off.
 """
 
 import jax
@@ -35,7 +36,9 @@ def transfer(surface: TSpline, tmesh: TMesh) -> TSpline:
     """
     old = surface.space.mesh
     if surface.space.rational or old.forest is None or tmesh.forest is None:
-        raise InputError("only polynomial T-splines over dyadic meshes transfer exactly; refit this one over the new mesh")
+        raise InputError(
+            "only polynomial T-splines over dyadic meshes transfer exactly; refit this one over the new mesh"
+        )
     _require_refinement(old, tmesh)
     space = spline_space(tmesh, dtype=surface.space.dtype, rational=False)
     coefficients = surface.control_points.reshape(surface.control_points.shape[0], -1)
@@ -81,4 +84,6 @@ def _require_refinement(old: TMesh, new: TMesh) -> None:
         holder = old.boxes[old.locate(new.boxes[:, 0], new.boxes[:, 1])]
         same = bool((new.boxes[:, 2:] <= holder[:, 2:]).all())
     if not same:
-        raise InputError("a surface transfers to a refinement of its own mesh; this mesh is not one; make it with refine")
+        raise InputError(
+            "a surface transfers to a refinement of its own mesh; this mesh is not one; make it with refine"
+        )

@@ -8,9 +8,9 @@ derivatives are exact, from differentiated Bernstein polynomials and, for ration
 from math import comb
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._errors import InputError
@@ -79,7 +79,7 @@ class TSpline(eqx.Module):
             raise InputError(f"a derivative's order is two whole numbers from 0 to 3; received {order!r}; try (1, 0)")
         array = check_parameters(parameters, self.space.dtype)
         single = array.ndim == 1
-        values = _derivative(self, jnp.atleast_2d(array), tuple(order))
+        values = _derivative(self, jnp.atleast_2d(array), (order[0], order[1]))
         return values[0] if single else values
 
     def at(
@@ -90,7 +90,9 @@ class TSpline(eqx.Module):
         **Raises:** `InputError` for a surface in space, whose places are not unique.
         """
         if not self.is_height_map:
-            raise InputError("only height maps are evaluated at (x, y); this surface has points in space; use parameters")
+            raise InputError(
+                "only height maps are evaluated at (x, y); this surface has points in space; use parameters"
+            )
         x, y = jnp.broadcast_arrays(jnp.asarray(x, self.space.dtype), jnp.asarray(y, self.space.dtype))
         parameters = (jnp.stack([x, y], axis=-1) - self.origin) / self.extent
         # Round-off of the frame must not push a border sample outside.
@@ -100,9 +102,7 @@ class TSpline(eqx.Module):
         return values if extrapolate else jnp.where(inside, values, jnp.nan)
 
 
-def make_surface(
-    space: SplineSpace, control_points: ArrayLike, frame: Frame | None = None
-) -> TSpline:
+def make_surface(space: SplineSpace, control_points: ArrayLike, frame: Frame | None = None) -> TSpline:
     """A surface from a space and its control points.
 
     **Arguments:**
@@ -133,16 +133,23 @@ def make_surface(
 
 def check_parameters(parameters: ArrayLike, dtype: np.dtype) -> Array:
     """Parameters as a device array, refused outside [0, 1]²."""
-    if isinstance(parameters, jax.core.Tracer):
-        outside = jnp.any(~((parameters >= 0) & (parameters <= 1)))
-        return eqx.error_if(parameters, outside, "parameters lie in [0, 1]²; clip them or use TSpline.at")
+    if isinstance(parameters, Tracer):
+        traced = jnp.asarray(parameters, dtype)
+        _check_shape(traced.shape)
+        outside = jnp.any(~((traced >= 0) & (traced <= 1)))
+        return eqx.error_if(traced, outside, "parameters lie in [0, 1]²; clip them or use TSpline.at")
     array = np.asarray(parameters, dtype)
-    if array.ndim not in (1, 2) or array.shape[-1] != 2:
-        raise InputError(f"parameters have shape (m, 2) or (2,); received {array.shape}; stack s and t as columns")
+    _check_shape(array.shape)
     if not ((array >= 0) & (array <= 1)).all():
         worst = array[~((array >= 0) & (array <= 1))][0]
         raise InputError(f"parameters lie in [0, 1]²; received {worst:g}; clip them, or use TSpline.at for NaN outside")
     return jnp.asarray(parameters, dtype)
+
+
+def _check_shape(shape: tuple[int, ...]) -> None:
+    """Raise unless parameters come in rows of two."""
+    if len(shape) not in (1, 2) or shape[-1] != 2:
+        raise InputError(f"parameters have shape (m, 2) or (2,); received {shape}; stack s and t as columns")
 
 
 def bezier_points(
@@ -170,16 +177,14 @@ def _derivative(surface: TSpline, parameters: Array, order: tuple[int, int]) -> 
     local = (parameters - space.corner[element]) / size
 
     def polynomial(orders: tuple[int, int]) -> Array:
-        along_s, along_t = (
-            bernstein(local[:, k], orders[k]) / size[:, k, None] ** orders[k] for k in range(2)
-        )
+        along_s, along_t = (bernstein(local[:, k], orders[k]) / size[:, k, None] ** orders[k] for k in range(2))
         return jnp.einsum("ma,mb,mabd->md", along_s, along_t, points)
 
     values = _quotient(polynomial, order) if space.rational else polynomial(order)
     return values[:, 0] if surface.is_height_map else values
 
 
-def _quotient(polynomial, order: tuple[int, int]) -> Array:  # noqa: ANN001
+def _quotient(polynomial, order: tuple[int, int]) -> Array:
     """Derivative of numerator over denominator, by Leibniz' rule on f · w = p."""
     known: dict[tuple[int, int], Array] = {}
     raw = {(i, j): polynomial((i, j)) for i in range(order[0] + 1) for j in range(order[1] + 1)}

@@ -1,0 +1,49 @@
+"""The device finds the same Bézier element as the host, at random parameters, on knot lines and at the domain's ends."""
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+
+from tsplinejax.mesh import DEPTH, Dyadic, b_lattice, refine
+from tsplinejax.space import bezier_elements, spline_space
+
+from ..random_meshes import hand_given, marks_at_points, meshes, parameters
+
+
+@given(meshes(Dyadic()), parameters())
+def test_forest_locator(tmesh, places):
+    """On a dyadic forest: the element whose index box holds the parameter's index cell."""
+    scale = np.array(tmesh.forest.lattice) << DEPTH
+    cells = np.minimum((places * scale).astype(int), scale - 1)
+    elements = bezier_elements(tmesh)
+    inside = (elements.boxes[None, :, :2] <= cells[:, None]) & (cells[:, None] < elements.boxes[None, :, 2:])
+    host = inside.all(axis=2)
+    assert (host.sum(axis=1) == 1).all()
+    found = np.asarray(jax.jit(lambda locator, p: locator(p))(spline_space(tmesh, rational=True).locator, places))
+    np.testing.assert_array_equal(found, host.argmax(axis=1))
+
+
+@given(hand_given(), parameters())
+def test_table_locator(tmesh, places):
+    """On a mesh given by hand: the index cell between its knot lines, the far ends in the last ones."""
+    space = spline_space(tmesh, rational=True)
+    found = np.asarray(space.locator(places))
+    corner, size = np.asarray(space.corner)[found], np.asarray(space.size)[found]
+    local = (places - corner) / size
+    assert ((local >= 0) & (local <= 1)).all()
+    assert ((local < 1) | (places == 1)).all()
+
+
+@pytest.mark.parametrize("level", [12, 30])
+def test_deep_meshes(level, dtype):
+    """Deep elements are found in both precisions where their width can be told apart at all."""
+    place = np.array([[0.375, 0.625]])
+    tmesh = b_lattice(1, 1)
+    for _ in range(level):
+        tmesh = refine(tmesh, marks_at_points(tmesh, place)).mesh
+    space = spline_space(tmesh, dtype=dtype)
+    found = int(space.locator(place.astype(dtype))[0])
+    corner, size = np.asarray(space.corner)[found], np.asarray(space.size)[found]
+    assert ((corner <= place) & (place <= corner + size)).all()
+    assert size.max() <= 2.0 ** -(level // 2)

@@ -1,0 +1,9 @@
+"""Model files: a T-spline on disk, plain, versioned, free of pickles and checked on load."""
+
+from ._container import (
+    MODEL_SUFFIX as MODEL_SUFFIX,
+    load as load,
+    load_header as load_header,
+    save as save,
+)
+from ._header import ModelHeader as ModelHeader

@@ -1,0 +1,181 @@
+"""Model files (`.tspl`): what rebuilds a T-spline, and where it comes from.
+
+The arrays are the element boxes in index coordinates (int32), the control points in the order of the mesh's anchors,
+and for a mesh given by hand its knot lines; the header says the rest. Blending functions are not stored: rule one makes
+them again. Files are not trusted: sizes, shapes, checksums and numbers are checked before a mesh is built of them.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from .._errors import InputError
+from ..fitting import FitResult
+from ..io._files import check_count, existing_file, reading, written_whole
+from ..mesh import DEPTH, TMesh, forest_from_boxes, from_rectangles
+from ..space import spline_space
+from ..surface import TSpline, make_surface
+from ._archive import read_archive, read_header, write_archive
+from ._header import ModelHeader, header_of, parse_header
+
+MODEL_SUFFIX = ".tspl"
+
+#: Index cells of a mesh given by hand; rebuilding it takes a table of them.
+_MOST_CELLS = 1 << 26
+
+
+def save(path: str | os.PathLike, model: TSpline | FitResult) -> Path:
+    """Write a model file; the file appears whole or not at all, and equal models give equal bytes.
+
+    **Arguments:**
+
+    - `path`: the file, with the suffix `.tspl`. An existing file is replaced.
+    - `model`: a `TSpline`, or a `FitResult`, whose figures and provenance are then kept, too.
+
+    **Returns:** the path.
+
+    **Raises:** `InputError` for another suffix, a missing folder, control points that are not finite, or anything that
+    is not a model; then nothing is written.
+
+    >>> from tsplinejax import b_lattice, make_surface, spline_space
+    >>> flat = make_surface(spline_space(b_lattice(4, 2)), [1.0] * 35)
+    >>> load(save(getfixture("tmp_path") / "flat.tspl", flat)).control_points.shape
+    (35,)
+    """
+    target = checked_target(path)
+    surface = model.surface if isinstance(model, FitResult) else model
+    if not isinstance(surface, TSpline):
+        raise InputError(f"a model file holds a TSpline or a FitResult, but got {type(model).__name__}")
+    points = np.asarray(surface.control_points)
+    if not np.isfinite(points).all():
+        raise InputError("a model file holds finite control points, but these have NaN or infinity; fit again")
+    tmesh = surface.space.mesh
+    arrays = {"boxes": tmesh.boxes.astype(np.int32), "control_points": points}
+    if tmesh.lines is not None:
+        arrays |= {"lines_s": tmesh.lines[0], "lines_t": tmesh.lines[1]}
+    with written_whole(target) as stream:
+        write_archive(stream, header_of(surface, tmesh, model), arrays)
+    return target
+
+
+def load(path: str | os.PathLike, *, dtype: DTypeLike | None = None) -> TSpline:
+    """Read a model file.
+
+    **Arguments:**
+
+    - `path`: the file.
+    - `dtype`: `"float32"` or `"float64"` to read the model in that precision; by default the one it was saved in.
+
+    **Returns:** the surface that was saved, with the same values to the last bit where the precision is the same.
+
+    **Raises:** `InputError` for a file that is missing, no model, truncated, corrupted or of a later version, and for a
+    float64 model where JAX's x64 mode is off.
+
+    >>> from tsplinejax import b_lattice, make_surface, spline_space
+    >>> flat = make_surface(spline_space(b_lattice(4, 2)), [1.0] * 35)
+    >>> load(save(getfixture("tmp_path") / "flat.tspl", flat), dtype="float32")
+    TSpline(35 control points, heights, unit None, polynomial, float32)
+    """
+    file = existing_file(path)
+    with reading(file):
+        header = parse_header(read_header(file))
+        lines = {} if header.lattice else {"lines_s": "float64", "lines_t": "float64"}
+        _, arrays = read_archive(file, {"boxes": "int32", "control_points": header.dtype, **lines})
+        _check_shapes(header, arrays, set(lines))
+        tmesh = _mesh(header, arrays)
+        if tmesh.n_anchors != header.control_points:
+            raise InputError(
+                f"its mesh has {tmesh.n_anchors} anchors, but there are {header.control_points} control points"
+            )
+        space = spline_space(tmesh, dtype=header.dtype if dtype is None else dtype, rational=header.rational)
+        return make_surface(space, arrays["control_points"], header.frame)
+
+
+def load_header(path: str | os.PathLike) -> ModelHeader:
+    """Read what a model file says about its model, without building it.
+
+    **Raises:** `InputError` as for [`load`][tsplinejax.load].
+
+    >>> from tsplinejax import b_lattice, make_surface, spline_space
+    >>> flat = make_surface(spline_space(b_lattice(4, 2)), [1.0] * 35)
+    >>> load_header(save(getfixture("tmp_path") / "flat.tspl", flat)).lattice
+    (4, 2)
+    """
+    file = existing_file(path)
+    with reading(file):
+        return parse_header(read_header(file))
+
+
+def checked_target(path: str | os.PathLike) -> Path:
+    """The path to save a model at: with the right suffix, in a folder that exists."""
+    target = Path(path)
+    if target.suffix.lower() != MODEL_SUFFIX:
+        raise InputError(
+            f"a model file ends in {MODEL_SUFFIX}, but got {target.name!r}; try {target.stem}{MODEL_SUFFIX}"
+        )
+    if not target.parent.is_dir():
+        raise InputError(f"the output folder {target.parent} does not exist; create it first")
+    return target
+
+
+def _check_shapes(header: ModelHeader, arrays: dict[str, np.ndarray], lines: set[str]) -> None:
+    """Arrays complete, of the sizes that the header declares, and finite."""
+    missing = {"boxes", "control_points"} | lines
+    missing -= set(arrays)
+    if missing:
+        raise InputError(f"it holds no array {sorted(missing)[0]!r}; it was damaged: copy it again")
+    check_count(header.elements, "elements")
+    shapes = {
+        "boxes": (header.elements, 4),
+        "control_points": (header.control_points,) if header.kind == "heights" else (header.control_points, 3),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise InputError(f"its array {name!r} has the shape {arrays[name].shape}, but its header says {shape}")
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise InputError(f"its array {name!r} holds NaN or infinity; fit and save the model again")
+
+
+def _mesh(header: ModelHeader, arrays: dict[str, np.ndarray]) -> TMesh:
+    """The T-mesh of the element boxes."""
+    boxes = arrays["boxes"].astype(np.int64)
+    border: Any = header.border
+    if header.lattice is not None:
+        if np.prod(header.lattice, dtype=object) > len(boxes):
+            raise InputError(f"its lattice {header.lattice} has more squares than the mesh elements; copy it again")
+        first_cut: Any = header.first_cut
+        tmesh = forest_from_boxes(boxes, header.lattice, first_cut=first_cut, border=border)
+        _check_tiling(tmesh)
+    else:
+        lines = [arrays["lines_s"], arrays["lines_t"]]
+        _check_lines(boxes, lines)
+        corners = [lines[k % 2][boxes[:, k]] for k in range(4)]
+        tmesh = from_rectangles(np.stack(corners, axis=1), border=border)
+    if not np.array_equal(tmesh.boxes, boxes):
+        raise InputError("its elements are not in the order in which they are saved; it was damaged: copy it again")
+    return tmesh
+
+
+def _check_tiling(tmesh: TMesh) -> None:
+    """Elements inside the lattice, none over another: with the right total area they tile it."""
+    assert tmesh.forest is not None
+    ends = tmesh.forest.codes + (np.int64(1) << (2 * DEPTH - tmesh.forest.levels))
+    if (tmesh.boxes[:, 2:] > tmesh.extent).any() or (ends[:-1] > tmesh.forest.codes[1:]).any():
+        raise InputError("its elements overlap or lie outside its lattice; it was damaged: copy it again")
+
+
+def _check_lines(boxes: np.ndarray, lines: list[np.ndarray]) -> None:
+    """Knot lines that rise from 0 to 1, named by the boxes, and few enough for a table of index cells."""
+    for knots in lines:
+        if knots.ndim != 1 or len(knots) < 2 or (np.diff(knots) <= 0).any() or (knots[0], knots[-1]) != (0.0, 1.0):
+            raise InputError("its knot lines do not rise from 0 to 1; it was damaged: copy it again")
+    cells = (len(lines[0]) - 1) * (len(lines[1]) - 1)
+    if cells > _MOST_CELLS:
+        raise InputError(f"its mesh has {cells} index cells, more than the {_MOST_CELLS} that are read")
+    counts = [len(lines[k % 2]) for k in range(4)]
+    if (boxes < 0).any() or (boxes >= counts).any():
+        raise InputError("its elements lie outside its knot lines; it was damaged: copy it again")
