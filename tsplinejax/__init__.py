@@ -18,8 +18,10 @@ from .fitting import (
     LocalSolver as LocalSolver,
     Step as Step,
     StopReason as StopReason,
+    ToleranceStudy as ToleranceStudy,
     fit as fit,
     lstsq as lstsq,
+    tolerance_study as tolerance_study,
 )
 from .io import read as read, write as write
 from .mesh import (

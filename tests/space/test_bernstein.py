@@ -10,8 +10,7 @@ from scipy.interpolate import BPoly, BSpline
 from tsplinejax.space import bernstein, bernstein6, blossom_weights, gram, product_weights
 from tsplinejax.space._bernstein import blossom_pieces
 
-GAUSS = [(nodes + 1) / 2 for nodes in (np.polynomial.legendre.leggauss(8)[0],)][0]
-GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)[1] / 2
+NODES, WEIGHTS = (values / 2 for values in np.polynomial.legendre.leggauss(8))
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3, 4])
@@ -41,8 +40,8 @@ def test_products_of_cubics():
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_gram_matrices(order):
     """Closed integrals equal Gauss quadrature that is exact for them."""
-    values = np.asarray(bernstein(jnp.asarray(GAUSS), order))
-    np.testing.assert_allclose(gram(order), np.einsum("qa,qb,q->ab", values, values, GAUSS_WEIGHTS), atol=1e-12)
+    values = np.asarray(bernstein(jnp.asarray(NODES + 0.5), order))
+    np.testing.assert_allclose(gram(order), np.einsum("qa,qb,q->ab", values, values, WEIGHTS), atol=1e-12)
 
 
 def test_precision_is_kept(dtype):

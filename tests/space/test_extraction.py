@@ -2,28 +2,14 @@
 
 import numpy as np
 from hypothesis import given, settings
-from scipy.interpolate import BSpline
 
 from tsplinejax.mesh import Dyadic, TMesh, b_lattice, cell_boxes, refine
 from tsplinejax.space import BezierElements, bernstein, bezier_elements, spline_space
 
+from ..blending import blending
 from ..random_meshes import hand_given, marks_at_points, meshes
 
 LOCAL = np.array([0.08, 0.37, 0.52, 0.93])
-
-
-def blending(tmesh: TMesh, places: np.ndarray) -> np.ndarray:
-    """All blending functions at parameters (m, 2), by scipy's Cox-de Boor on their local knots: (m, n)."""
-    values = np.ones((len(places), tmesh.n_anchors))
-    for k, local in enumerate(tmesh.local_knots):
-        for axis in range(2):
-            knots = np.asarray(tmesh.parameters(axis, local[axis]), float)
-            if knots[0] == knots[-1]:
-                values[:, k] = 0
-                continue
-            piece = BSpline.basis_element(knots, extrapolate=False)(places[:, axis])
-            values[:, k] *= np.nan_to_num(piece)
-    return values
 
 
 def extracted(tmesh: TMesh) -> tuple[np.ndarray, np.ndarray]:
@@ -31,17 +17,20 @@ def extracted(tmesh: TMesh) -> tuple[np.ndarray, np.ndarray]:
     space, elements = spline_space(tmesh), bezier_elements(tmesh)
     count = len(elements)
     u, v = (grid.ravel() for grid in np.meshgrid(LOCAL, LOCAL))
-    places = np.asarray(space.corner)[:count, None] + np.stack([u, v], axis=1) * np.asarray(space.size)[:count, None]
+    places = (
+        np.asarray(space.tables.corner)[:count, None]
+        + np.stack([u, v], axis=1) * np.asarray(space.tables.size)[:count, None]
+    )
     pieces = np.einsum(
         "eka,ekb,qa,qb->eqk",
-        np.asarray(space.along_s)[:count],
-        np.asarray(space.along_t)[:count],
+        np.asarray(space.tables.along_s)[:count],
+        np.asarray(space.tables.along_t)[:count],
         np.asarray(bernstein(u)),
         np.asarray(bernstein(v)),
     )
     values = np.zeros((count, len(u), tmesh.n_anchors))
     for element in range(count):
-        np.add.at(values[element].T, np.asarray(space.functions)[element], pieces[element].T)
+        np.add.at(values[element].T, np.asarray(space.tables.functions)[element], pieces[element].T)
     return places.reshape(-1, 2), values.reshape(-1, tmesh.n_anchors)
 
 

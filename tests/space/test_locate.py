@@ -1,4 +1,4 @@
-"""The device finds the same Bézier element as the host, at random parameters, on knot lines and at the domain's ends."""
+"""The device finds the same Bézier element as the host, at random places, on knot lines and at the ends."""
 
 import jax
 import numpy as np
@@ -10,6 +10,8 @@ from tsplinejax.space import bezier_elements, spline_space
 
 from ..random_meshes import hand_given, marks_at_points, meshes, parameters
 
+located = jax.jit(lambda locator, places: locator(places))
+
 
 @given(meshes(Dyadic()), parameters())
 def test_forest_locator(tmesh, places):
@@ -20,7 +22,7 @@ def test_forest_locator(tmesh, places):
     inside = (elements.boxes[None, :, :2] <= cells[:, None]) & (cells[:, None] < elements.boxes[None, :, 2:])
     host = inside.all(axis=2)
     assert (host.sum(axis=1) == 1).all()
-    found = np.asarray(jax.jit(lambda locator, p: locator(p))(spline_space(tmesh, rational=True).locator, places))
+    found = np.asarray(located(spline_space(tmesh, rational=True).locator, places))
     np.testing.assert_array_equal(found, host.argmax(axis=1))
 
 
@@ -29,7 +31,7 @@ def test_table_locator(tmesh, places):
     """On a mesh given by hand: the index cell between its knot lines, the far ends in the last ones."""
     space = spline_space(tmesh, rational=True)
     found = np.asarray(space.locator(places))
-    corner, size = np.asarray(space.corner)[found], np.asarray(space.size)[found]
+    corner, size = np.asarray(space.tables.corner)[found], np.asarray(space.tables.size)[found]
     local = (places - corner) / size
     assert ((local >= 0) & (local <= 1)).all()
     assert ((local < 1) | (places == 1)).all()
@@ -44,6 +46,6 @@ def test_deep_meshes(level, dtype):
         tmesh = refine(tmesh, marks_at_points(tmesh, place)).mesh
     space = spline_space(tmesh, dtype=dtype)
     found = int(space.locator(place.astype(dtype))[0])
-    corner, size = np.asarray(space.corner)[found], np.asarray(space.size)[found]
+    corner, size = np.asarray(space.tables.corner)[found], np.asarray(space.tables.size)[found]
     assert ((corner <= place) & (place <= corner + size)).all()
     assert size.max() <= 2.0 ** -(level // 2)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 
 from tsplinejax import InputError
-from tsplinejax.mesh import AnalysisSuitable, Dyadic, TMesh, b_lattice, is_analysis_suitable
+from tsplinejax.mesh import AnalysisSuitable, Dyadic, b_lattice, is_analysis_suitable, refine
 from tsplinejax.space import SplineSpace, bezier_elements, capacity_for, gram, pad, resolve_dtype, spline_space
 
 from ..random_meshes import hand_given, meshes
@@ -19,7 +19,7 @@ from ..random_meshes import hand_given, meshes
 def sums(space: SplineSpace) -> np.ndarray:
     """Bézier points of the sum of all blending functions on the real elements."""
     count = int(space.n_elements)
-    along = (np.asarray(part)[:count] for part in (space.along_s, space.along_t))
+    along = (np.asarray(part)[:count] for part in (space.tables.along_s, space.tables.along_t))
     return np.einsum("eka,ekb->eab", *along)
 
 
@@ -27,10 +27,10 @@ def gram_matrix(space: SplineSpace) -> np.ndarray:
     """∫ b_i b_j over the square, exact, (n, n)."""
     mass, count, n = gram(0), int(space.n_elements), int(space.n_functions)
     matrix = np.zeros((n, n))
-    functions, size = np.asarray(space.functions)[:count], np.asarray(space.size)[:count]
+    functions, size = np.asarray(space.tables.functions)[:count], np.asarray(space.tables.size)[:count]
     s, t = (
         np.einsum("eka,ab,elb->ekl", part, mass, part)
-        for part in (np.asarray(space.along_s)[:count], np.asarray(space.along_t)[:count])
+        for part in (np.asarray(space.tables.along_s)[:count], np.asarray(space.tables.along_t)[:count])
     )
     np.add.at(matrix, (functions[:, :, None], functions[:, None]), s * t * size.prod(axis=1)[:, None, None])
     return matrix
@@ -84,17 +84,11 @@ def test_the_closure_is_needed():
             generator, tmesh = np.random.default_rng(seed), b_lattice(4, 4)
             for _ in range(3):
                 marked = generator.random(tmesh.n_elements) < 0.3
-                tmesh = _refined(tmesh, marked, rule)
+                tmesh = refine(tmesh, marked, rule).mesh
             rational = spline_space(tmesh).rational
             assert not (rational and isinstance(rule, AnalysisSuitable))
             lost += rational
     assert lost >= 9
-
-
-def _refined(tmesh: TMesh, marked: np.ndarray, rule: AnalysisSuitable | Dyadic) -> TMesh:
-    from tsplinejax.mesh import refine
-
-    return refine(tmesh, marked, rule).mesh
 
 
 @given(meshes(Dyadic()))
@@ -181,7 +175,7 @@ def test_a_space_is_a_pytree():
     def total(space: SplineSpace) -> jax.Array:
         nonlocal traces
         traces += 1
-        return jnp.sum(space.along_s)
+        return jnp.sum(space.tables.along_s)
 
     for rows in (2, 3, 4):
         assert np.isfinite(total(spline_space(b_lattice(3, rows))))

@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 from .._errors import InputError
 from ..fitting import FitResult
 from ..io._files import check_count, existing_file, reading, written_whole
-from ..mesh import DEPTH, TMesh, forest_from_boxes, from_rectangles
+from ..mesh import TMesh, forest_from_boxes, from_rectangles
 from ..space import spline_space
 from ..surface import TSpline, make_surface
 from ._archive import read_archive, read_header, write_archive
@@ -145,11 +145,8 @@ def _mesh(header: ModelHeader, arrays: dict[str, np.ndarray]) -> TMesh:
     boxes = arrays["boxes"].astype(np.int64)
     border: Any = header.border
     if header.lattice is not None:
-        if np.prod(header.lattice, dtype=object) > len(boxes):
-            raise InputError(f"its lattice {header.lattice} has more squares than the mesh elements; copy it again")
         first_cut: Any = header.first_cut
         tmesh = forest_from_boxes(boxes, header.lattice, first_cut=first_cut, border=border)
-        _check_tiling(tmesh)
     else:
         lines = [arrays["lines_s"], arrays["lines_t"]]
         _check_lines(boxes, lines)
@@ -158,14 +155,6 @@ def _mesh(header: ModelHeader, arrays: dict[str, np.ndarray]) -> TMesh:
     if not np.array_equal(tmesh.boxes, boxes):
         raise InputError("its elements are not in the order in which they are saved; it was damaged: copy it again")
     return tmesh
-
-
-def _check_tiling(tmesh: TMesh) -> None:
-    """Elements inside the lattice, none over another: with the right total area they tile it."""
-    assert tmesh.forest is not None
-    ends = tmesh.forest.codes + (np.int64(1) << (2 * DEPTH - tmesh.forest.levels))
-    if (tmesh.boxes[:, 2:] > tmesh.extent).any() or (ends[:-1] > tmesh.forest.codes[1:]).any():
-        raise InputError("its elements overlap or lie outside its lattice; it was damaged: copy it again")
 
 
 def _check_lines(boxes: np.ndarray, lines: list[np.ndarray]) -> None:

@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from .._errors import InputError
 from ._as_data import as_data
 from ._height_map import HeightMap
-from ._neighbourhood import Gap, pixel_half_widths, pixel_neighbourhoods, sliding_extreme, top_hat, upper_gap
+from ._neighbourhood import Gap, pixel_half_widths, pixel_neighbourhoods, top_hat, upper_gap
 from ._rounding import height_step
 from ._samples import Samples
 
@@ -34,6 +34,7 @@ _CHUNK = 1 << 16
 _NEAREST = 32
 _FEW = 16
 _SPARSE = 0.25
+_STRAY = 20.0
 _LARGEST_CLUSTER = 12
 _LONGEST_EDGE = 30
 
@@ -122,13 +123,14 @@ def _gaps(
 
 
 def _lonely_gaps(heights: np.ndarray, valid: np.ndarray, pixels: Int[np.ndarray, " m"], floor: float) -> Gap:
-    """The gap below pixels in empty windows, among the nearest valid pixels (which lie where valid meets missing)."""
-    missing = np.pad(~valid, 3, constant_values=True)
-    rim = valid & sliding_extreme(sliding_extreme(missing, 7, 0, np.maximum), 7, 1, np.maximum)
-    places = np.argwhere(rim)
-    nth = np.arange(1, min(49, len(places)) + 1)
-    nearest = cKDTree(places).query(np.stack(np.unravel_index(pixels, heights.shape), axis=1), nth)[1]
-    return upper_gap(heights[rim][nearest], heights.flat[pixels], floor)
+    """The gap below pixels in nearly empty windows, among the nearest valid pixels (of very many, a part) anywhere."""
+    others = np.flatnonzero(valid)
+    others = others[:: max(1, len(others) // 500_000)]
+    tree = cKDTree(np.stack(np.unravel_index(others, heights.shape), axis=1))
+    places = np.stack(np.unravel_index(pixels, heights.shape), axis=1)
+    nearest = others[tree.query(places, np.arange(1, min(48, len(others)) + 1))[1]]
+    values = heights.flat[pixels]
+    return upper_gap(np.column_stack([values, heights.flat[nearest]]), values, floor)
 
 
 def _screen(heights: np.ndarray, valid: np.ndarray, least: float) -> Bool[np.ndarray, "rows cols"]:
@@ -180,7 +182,7 @@ def _of_scattered(places: Float[np.ndarray, "m 2"], heights: np.ndarray, contras
     result = np.zeros(len(heights), bool)
     if len(heights) < 10:
         return result
-    nearest = _nearest(places)
+    nearest, _ = _nearest(places)
     floor = _floor(heights)
     for start in range(0, len(heights), _CHUNK):
         rows = slice(start, start + _CHUNK)
@@ -188,11 +190,14 @@ def _of_scattered(places: Float[np.ndarray, "m 2"], heights: np.ndarray, contras
     return result
 
 
-def _nearest(points: np.ndarray) -> np.ndarray:
-    """Indices of the nearest points, (m, k); the point itself comes first unless duplicates tie with it."""
+def _nearest(points: np.ndarray) -> tuple[Int[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
+    """Indices of the nearest points, the point itself first, and the distance to more of them than a cluster has."""
     spread = np.ptp(points, axis=0).max()
     tree = cKDTree(points / (spread if spread > 0 else 1.0))
-    return tree.query(tree.data, k=min(_NEAREST, len(points)), workers=-1)[1]
+    distances, nearest = tree.query(tree.data, k=min(_NEAREST, len(points)), workers=-1)
+    # Among coincident points the tree may name another one first.
+    nearest[:, 0] = np.arange(len(points))
+    return nearest, distances[:, min(_LARGEST_CLUSTER + 1, distances.shape[1] - 1)]
 
 
 def _apart(around: Float[np.ndarray, "m k"], floor: float, contrast: float) -> Bool[np.ndarray, " m"]:
@@ -203,11 +208,11 @@ def _apart(around: Float[np.ndarray, "m k"], floor: float, contrast: float) -> B
 
 
 def _of_space(points: Float[np.ndarray, "m 3"], contrast: float) -> Bool[np.ndarray, " m"]:
-    """Outliers of points in space: the gap in distance off the plane through the nearest other points."""
+    """Outliers of points in space: far from all others, or beyond a gap off the plane through the nearest others."""
     result = np.zeros(len(points), bool)
     if len(points) < 10:
         return result
-    nearest = _nearest(points)
+    nearest, reach = _nearest(points)
     floor = _floor(points.ravel())
     for start in range(0, len(points), _CHUNK):
         around = points[nearest[start : start + _CHUNK]]
@@ -215,4 +220,4 @@ def _of_space(points: Float[np.ndarray, "m 3"], contrast: float) -> Bool[np.ndar
         normals = np.linalg.eigh(np.einsum("mki,mkj->mij", others, others))[1][:, :, 0]
         offsets = np.einsum("mki,mi->mk", around - around[:, :1], normals)
         result[start : start + _CHUNK] = _apart(offsets, floor, contrast)
-    return result
+    return result | (reach > _STRAY * np.median(reach))

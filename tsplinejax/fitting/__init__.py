@@ -15,3 +15,8 @@ from ._solve import (
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
 )
+from ._study import (
+    SuggestedTolerance as SuggestedTolerance,
+    ToleranceStudy as ToleranceStudy,
+    tolerance_study as tolerance_study,
+)

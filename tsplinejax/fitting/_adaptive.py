@@ -108,7 +108,7 @@ def advance(problem: Problem, state: State) -> State:
     altered_elements = _touched(mesh, kept < 0) | (source < 0)
     inherited = empty_system(mesh.space, problem.data.dimension)
     if state.system.matrices.shape[1] == inherited.matrices.shape[1]:
-        inherited = inherit_system(state.system, mesh.space, device_source)
+        inherited = inherit_system(state.system, mesh.space.tables.functions, device_source)
     else:
         altered_elements[:] = True
     system = _update(problem, mesh, moments, inherited, np.flatnonzero(altered_elements))
@@ -268,7 +268,7 @@ def _measure(
     rest = residuals(mesh.space, coefficients, problem.samples, mesh.blocks, problem.tile_length)
     points = homogeneous_points(mesh.space, coefficients)
     excess = problem.criterion.excess(mesh, moments, points[..., : problem.data.dimension], rest)
-    energy = float(bending_energy(points[..., : problem.data.dimension], mesh.space.size * problem.extent))
+    energy = float(bending_energy(points[..., : problem.data.dimension], mesh.space.tables.size * problem.extent))
     clock = started if before is None else before.started
     state = State(mesh, moments, system, coefficients, rest, excess, stage, polished, history, clock)
     return replace(state, history=(*history, _entry(problem, state, energy, started)))

@@ -38,7 +38,7 @@ class Discretisation:
     @property
     def capacity(self) -> int:
         """Padded length of the device arrays."""
-        return self.space.corner.shape[0]
+        return self.space.capacity
 
     @cached_property
     def blocks(self) -> Blocks:

@@ -92,17 +92,17 @@ def _solve(
     """The implicit solve, with diagonal scaling."""
     moments = _moments(space, places, values, weights)
     matrices, loads = element_matrices(
-        space.functions, space.along_s, space.along_t, space.size * sides, moments, smoothing
+        space.tables.functions, space.tables.along_s, space.tables.along_t, space.tables.size * sides, moments, smoothing
     )
-    length = space.corner.shape[0]
-    load = jnp.zeros((length, values.shape[1]), space.dtype).at[space.functions].add(loads)
-    diagonal = jnp.zeros(length, space.dtype).at[space.functions].add(jnp.diagonal(matrices, axis1=1, axis2=2))
+    length = space.capacity
+    load = jnp.zeros((length, values.shape[1]), space.dtype).at[space.tables.functions].add(loads)
+    diagonal = jnp.zeros(length, space.dtype).at[space.tables.functions].add(jnp.diagonal(matrices, axis1=1, axis2=2))
     scale = jax.lax.stop_gradient(jnp.where(diagonal > 0, 1 / jnp.where(diagonal > 0, diagonal, 1), 1))[:, None]
     absent = (diagonal <= 0)[:, None]
 
     def apply(x: Array) -> Array:
-        products = jnp.einsum("eij,ejd->eid", matrices, x[space.functions], precision="highest")
-        return jnp.zeros_like(x).at[space.functions].add(products) + jnp.where(absent, x, 0)
+        products = jnp.einsum("eij,ejd->eid", matrices, x[space.tables.functions], precision="highest")
+        return jnp.zeros_like(x).at[space.tables.functions].add(products) + jnp.where(absent, x, 0)
 
     tolerance = 1e-13 if space.dtype == np.float64 else 1e-7
     iterate = partial(_conjugate_gradients, scale=scale, tolerance=tolerance)
@@ -143,14 +143,14 @@ def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -
         padded = jnp.pad(part, ((0, padding), *((0, 0) for _ in part.shape[1:])))
         return padded.reshape(chunks, length, *part.shape[1:])
 
-    sums = sum_points(space) if space.rational else None
-    capacity = space.corner.shape[0]
+    sums = sum_points(space.tables) if space.rational else None
+    capacity = space.capacity
     empty = Moments(jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, values.shape[1]), space.dtype))
 
     def add(moments: Moments, chunk: tuple[Array, Array, Array]) -> tuple[Moments, None]:
         places, values, weights = chunk
         element = space.locator(places)
-        local = (places - space.corner[element]) / space.size[element]
+        local = (places - space.tables.corner[element]) / space.tables.size[element]
         cubic_s, cubic_t = bernstein(local[:, 0]), bernstein(local[:, 1])
         if sums is not None:
             total = jnp.einsum("ma,mb,mab->m", cubic_s, cubic_t, sums[element])

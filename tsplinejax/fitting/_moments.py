@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..space import BLOCK, Blocks, SortedSamples, SplineSpace, Tile, bernstein, bernstein6
+from ..space import BLOCK, Blocks, ElementTables, SortedSamples, SplineSpace, Tile, bernstein, bernstein6
 
 
 class Moments(eqx.Module):
@@ -64,7 +64,7 @@ def _add_tile(
 
 def empty_moments(space: SplineSpace, dimension: int) -> Moments:
     """Moments of no samples."""
-    capacity = space.corner.shape[0]
+    capacity = space.capacity
     return Moments(jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, dimension), space.dtype))
 
 
@@ -80,13 +80,13 @@ def add_samples(
     moments: Moments, space: SplineSpace, samples: SortedSamples, blocks: Blocks, tile_length: int
 ) -> Moments:
     """Add the samples of these blocks to the moments."""
-    sums = sum_points(space) if space.rational else None
+    sums = sum_points(space.tables) if space.rational else None
     for tile in blocks.tiles(tile_length):
-        moments = _add_tile(moments, samples, tile, space.corner, space.size, sums)
+        moments = _add_tile(moments, samples, tile, space.tables.corner, space.tables.size, sums)
     return moments
 
 
 @jax.jit
-def sum_points(space: SplineSpace) -> Float[Array, "capacity 4 4"]:
+def sum_points(tables: ElementTables) -> Float[Array, "capacity 4 4"]:
     """Bézier points of the sum of the blending functions."""
-    return jnp.einsum("eka,ekb->eab", space.along_s, space.along_t, precision="highest")
+    return jnp.einsum("eka,ekb->eab", tables.along_s, tables.along_t, precision="highest")

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._errors import InputError
 from ..data import Frame, Samples
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
-from ..space import BLOCK, Order, SortedSamples, sort_samples
+from ..space import BLOCK, Order, SortedSamples, pad, sort_samples
 from ._criteria import AbstractCriterion
 from ._solve import AbstractSolver, GlobalSolver
 
@@ -143,14 +143,14 @@ def restart(problem: Problem, lattice: tuple[int, int], first_cut: Direction) ->
 def prepare_samples(
     data: Samples, order_mesh: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
 ) -> tuple[SortedSamples, Order]:
-    """Sort and scale the samples and put them on the device, with a block of padding."""
+    """Sort and scale the samples and put them on the device, padded to a power of two."""
     order = sort_samples(order_mesh, data.parameters)
     weights = np.ones(len(data)) if data.weights is None else np.asarray(data.weights, np.float64)
     weights = np.where(counted, weights, 0.0)
     values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
     parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
-    padded = [np.concatenate([part, np.zeros((BLOCK, *part.shape[1:]), dtype)]) for part in parts]
-    return SortedSamples(*(jnp.asarray(part) for part in padded)), order
+    length = 1 << int(np.ceil(np.log2(len(data) + BLOCK)))  # doubles with the data, so kernels rarely see a new shape
+    return SortedSamples(*(jnp.asarray(pad(part, length, 0)) for part in parts)), order
 
 def pose(
     data: Samples,

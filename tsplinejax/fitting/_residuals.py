@@ -1,12 +1,14 @@
 """Residuals at the samples, block by block: what the loop marks by and what the result reports."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..space import Blocks, SortedSamples, SplineSpace, Tile, bernstein
+from ..space import Blocks, ElementTables, SortedSamples, SplineSpace, Tile, bernstein
 from ..surface import bezier_points
 from ._moments import gather_tile
 
@@ -35,12 +37,17 @@ def _tile_residuals(points: Array, samples: SortedSamples, tile: Tile, corner: A
     return BlockResiduals(residuals, jnp.sqrt(jnp.max(squares, axis=1)), jnp.sum(local.weights * squares, axis=1))
 
 
-@jax.jit
-def homogeneous_points(space: SplineSpace, coefficients: Array) -> Array:
+def homogeneous_points(space: SplineSpace, coefficients: Array) -> Float[Array, "capacity 4 4 d"]:
     """Bézier points, with Σb as a last component where the surface is rational."""
-    if space.rational:
+    return _points(space.tables, coefficients, space.rational)
+
+
+@partial(jax.jit, static_argnums=2)
+def _points(tables: ElementTables, coefficients: Array, rational: bool) -> Array:
+    """Bézier points of the coefficients, and of ones where the surface is rational."""
+    if rational:
         coefficients = jnp.concatenate([coefficients, jnp.ones_like(coefficients[:, :1])], axis=1)
-    return bezier_points(space, coefficients)
+    return bezier_points(tables, coefficients)
 
 
 class Residuals(eqx.Module):
@@ -56,7 +63,7 @@ def residuals(
 ) -> Residuals:
     """Residuals of the samples in these blocks (host arrays)."""
     points = homogeneous_points(space, coefficients)
-    tiles = [_tile_residuals(points, samples, tile, space.corner, space.size) for tile in blocks.tiles(tile_length)]
+    tiles = [_tile_residuals(points, samples, tile, space.tables.corner, space.tables.size) for tile in blocks.tiles(tile_length)]
     n = len(blocks.start)
     columns = [np.concatenate([np.asarray(getattr(t, name)) for t in tiles])[:n] for name in ("largest", "squares")]
     values = np.concatenate([np.asarray(tile.residuals) for tile in tiles])[:n]

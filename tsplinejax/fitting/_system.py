@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..space import SplineSpace, pad, product_weights
+from ..space import ElementTables, SplineSpace, pad, product_weights
 from ._energy import element_energy
 from ._moments import Moments
 
@@ -23,27 +23,27 @@ class System(eqx.Module):
 
 def empty_system(space: SplineSpace, dimension: int) -> System:
     """The system of no samples."""
-    capacity, k = space.functions.shape
+    capacity, k = space.tables.functions.shape
     return System(
-        space.functions, jnp.zeros((capacity, k, k), space.dtype), jnp.zeros((capacity, k, dimension), space.dtype)
+        space.tables.functions, jnp.zeros((capacity, k, k), space.dtype), jnp.zeros((capacity, k, dimension), space.dtype)
     )
 
 
 @partial(jax.jit, donate_argnums=0)
 def _assemble_chunk(
-    store: tuple[Array, Array], space: SplineSpace, moments: Moments, smoothing: Array, extent: Array, chosen: Array
+    store: tuple[Array, Array], tables: ElementTables, moments: Moments, smoothing: Array, extent: Array, chosen: Array
 ) -> tuple[Array, Array]:
     """Fill in the matrices and loads of the chosen elements; negative entries are padding and write nothing."""
     index = jnp.maximum(chosen, 0)
     matrices, loads = element_matrices(
-        space.functions[index],
-        space.along_s[index],
-        space.along_t[index],
-        space.size[index] * extent,
+        tables.functions[index],
+        tables.along_s[index],
+        tables.along_t[index],
+        tables.size[index] * extent,
         Moments(moments.mass[index], moments.load[index]),
         smoothing,
     )
-    place = jnp.where(chosen >= 0, chosen, len(space.functions))
+    place = jnp.where(chosen >= 0, chosen, len(tables.functions))
     return store[0].at[place].set(matrices, mode="drop"), store[1].at[place].set(loads, mode="drop")
 
 
@@ -59,12 +59,12 @@ def assemble(
 
     `extent` is the physical extent in units of √(Lx Ly).
     """
-    chunk = max(64, len(space.corner) // 32)
+    chunk = max(64, len(space.tables.corner) // 32)
     store = (system.matrices, system.loads)
     weight = jnp.asarray(smoothing, space.dtype)
     for first in range(0, len(elements), chunk):
         chosen = pad(elements[first : first + chunk].astype(np.int32), chunk, -1)
-        store = _assemble_chunk(store, space, moments, weight, extent, jnp.asarray(chosen))
+        store = _assemble_chunk(store, space.tables, moments, weight, extent, jnp.asarray(chosen))
     return System(system.functions, *store)
 
 
@@ -86,11 +86,11 @@ def element_matrices(
 
 
 @jax.jit
-def inherit_system(system: System, space: SplineSpace, source: Int[Array, " capacity"]) -> System:
+def inherit_system(system: System, functions: Array, source: Int[Array, " capacity"]) -> System:
     """The system in a new numbering: each element's old matrix and load, or zeros where `source` is negative."""
     known, source = (source >= 0)[:, None, None], jnp.maximum(source, 0)
     return System(
-        space.functions, jnp.where(known, system.matrices[source], 0), jnp.where(known, system.loads[source], 0)
+        functions, jnp.where(known, system.matrices[source], 0), jnp.where(known, system.loads[source], 0)
     )
 
 

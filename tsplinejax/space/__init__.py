@@ -19,6 +19,7 @@ from ._blocks import (
 )
 from ._extraction import BezierElements as BezierElements, bezier_elements as bezier_elements
 from ._space import (
+    ElementTables as ElementTables,
     SplineSpace as SplineSpace,
     Topology as Topology,
     capacity_for as capacity_for,

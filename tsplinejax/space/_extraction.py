@@ -131,6 +131,6 @@ def _table(function: np.ndarray, cell: np.ndarray, n_cells: int, n_functions: in
     order = np.argsort(cell * n_functions + function)
     function, cell = function[order], cell[order]
     counts = np.bincount(cell, minlength=n_cells)
-    table = np.full((n_cells, max(16, int(counts.max()))), -1, np.int32)
+    table = np.full((n_cells, -(-int(counts.max()) // 16) * 16), -1, np.int32)
     table[cell, np.arange(len(cell)) - np.repeat(np.cumsum(counts) - counts, counts)] = function
     return table

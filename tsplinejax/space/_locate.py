@@ -27,7 +27,7 @@ class AbstractLocator(eqx.Module):
 class ForestLocator(AbstractLocator):
     """Binary search in the sorted codes of one lattice square."""
 
-    ranges: Int[Array, "squares 2"]
+    ranges: Int[Array, "capacity 2"]
     codes: UInt32[Array, " capacity"]
     lattice: Int[Array, " 2"]
     s_first: bool = eqx.field(static=True)
@@ -84,11 +84,14 @@ def make_locator(tmesh: TMesh, elements: BezierElements, capacity: int, dtype: n
     x, y = (grid.ravel() << DEPTH for grid in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
     first = forest.code(x, y)
     size = 1 << (2 * DEPTH)
-    ranges = np.stack([np.searchsorted(elements.codes, first), np.searchsorted(elements.codes, first + size)], axis=1)
+    # Squares are padded, too: one compiled search serves every lattice of a capacity.
+    ranges = np.zeros((capacity, 2), np.int32)
+    ranges[: len(first), 0] = np.searchsorted(elements.codes, first)
+    ranges[: len(first), 1] = np.searchsorted(elements.codes, first + size)
     codes = np.full(capacity, size - 1, np.uint32)
     codes[: len(elements)] = elements.codes & (size - 1)
     return ForestLocator(
-        jnp.asarray(ranges, jnp.int32),
+        jnp.asarray(ranges),
         jnp.asarray(codes),
         jnp.asarray(forest.lattice, jnp.int32),
         forest.first_cut == "s",

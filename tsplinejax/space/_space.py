@@ -56,18 +56,14 @@ class Topology(eqx.Module):
         return from_rectangles(np.stack(corners, axis=1), border=self.border)
 
 
-class SplineSpace(eqx.Module):
-    """The span of a T-mesh's blending functions, ready for evaluation.
+class ElementTables(eqx.Module):
+    """What kernels over Bézier elements need: their shapes depend on the capacity alone, so nothing else recompiles them.
 
     **Attributes:**
 
     - `functions`: blending functions alive on each Bézier element, (capacity, K).
     - `along_s`, `along_t`: their Bernstein coefficients there, (capacity, K, 4); zero where padded.
     - `corner`, `size`: the Bézier elements in parameters, (capacity, 2).
-    - `locator`: finds the Bézier element of a parameter.
-    - `topology`: what rebuilds the T-mesh.
-    - `n_functions`, `n_elements`: how many blending functions and Bézier elements are real.
-    - `rational`: whether the blending functions do not sum to one, so that Eq. 2's division is needed.
     """
 
     functions: Int[Array, "capacity K"]
@@ -75,11 +71,31 @@ class SplineSpace(eqx.Module):
     along_t: Float[Array, "capacity K 4"]
     corner: Float[Array, "capacity 2"]
     size: Float[Array, "capacity 2"]
+
+
+class SplineSpace(eqx.Module):
+    """The span of a T-mesh's blending functions, ready for evaluation.
+
+    **Attributes:**
+
+    - `tables`: blending functions and their Bernstein coefficients on every Bézier element, padded.
+    - `locator`: finds the Bézier element of a parameter.
+    - `topology`: what rebuilds the T-mesh.
+    - `n_functions`, `n_elements`: how many blending functions and Bézier elements are real.
+    - `rational`: whether the blending functions do not sum to one, so that Eq. 2's division is needed.
+    """
+
+    tables: ElementTables
     locator: AbstractLocator
     topology: Topology
     n_functions: Int[np.ndarray, ""]
     n_elements: Int[np.ndarray, ""]
     rational: bool = eqx.field(static=True)
+
+    @property
+    def capacity(self) -> int:
+        """Padded length of the tables."""
+        return self.tables.functions.shape[0]
 
     @property
     def mesh(self) -> TMesh:
@@ -89,7 +105,7 @@ class SplineSpace(eqx.Module):
     @property
     def dtype(self) -> np.dtype:
         """float32 or float64."""
-        return np.dtype(self.along_s.dtype)
+        return np.dtype(self.tables.along_s.dtype)
 
     def __repr__(self) -> str:
         form = "rational" if self.rational else "polynomial"
@@ -138,12 +154,11 @@ def spline_space(
     if rational is None:
         sums = np.asarray(jnp.einsum("eka,ekb->eab", along_s, along_t))[: len(elements)]
         rational = bool(np.abs(sums - 1).max() > 1e3 * np.finfo(dtype).eps)
+    tables = ElementTables(
+        jnp.asarray(np.maximum(functions, 0)), along_s, along_t, jnp.asarray(corner), jnp.asarray(size)
+    )
     return SplineSpace(
-        jnp.asarray(np.maximum(functions, 0)),
-        along_s,
-        along_t,
-        jnp.asarray(corner),
-        jnp.asarray(size),
+        tables,
         make_locator(tmesh, elements, capacity, dtype),
         _topology(tmesh, capacity),
         np.asarray(tmesh.n_anchors, np.int32),

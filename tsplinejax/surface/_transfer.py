@@ -43,7 +43,7 @@ def transfer(surface: TSpline, tmesh: TMesh) -> TSpline:
     space = spline_space(tmesh, dtype=surface.space.dtype, rational=False)
     coefficients = surface.control_points.reshape(surface.control_points.shape[0], -1)
     places = beside_anchors(old, bezier_elements(old), tmesh)
-    moved = blossom(bezier_points(surface.space, coefficients), *places)
+    moved = blossom(bezier_points(surface.space.tables, coefficients), *places)
     points = moved.reshape(-1, *surface.control_points.shape[1:])
     return TSpline(space, points, surface.origin, surface.extent, surface.unit)
 

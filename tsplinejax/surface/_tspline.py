@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._errors import InputError
 from ..data import Frame
-from ..space import SplineSpace, bernstein
+from ..space import ElementTables, SplineSpace, bernstein
 
 
 class TSpline(eqx.Module):
@@ -95,8 +95,8 @@ class TSpline(eqx.Module):
             )
         x, y = jnp.broadcast_arrays(jnp.asarray(x, self.space.dtype), jnp.asarray(y, self.space.dtype))
         parameters = (jnp.stack([x, y], axis=-1) - self.origin) / self.extent
-        # Round-off of the frame must not push a border sample outside.
-        slack = 64 * jnp.finfo(parameters.dtype).eps
+        # Round-off of places far from zero must not push a border sample outside.
+        slack = 64 * jnp.finfo(parameters.dtype).eps * (1 + jnp.abs(self.origin) / self.extent)
         inside = jnp.all((parameters >= -slack) & (parameters <= 1 + slack), axis=-1)
         values = _derivative(self, jnp.clip(parameters, 0, 1).reshape(-1, 2), (0, 0)).reshape(x.shape)
         return values if extrapolate else jnp.where(inside, values, jnp.nan)
@@ -153,11 +153,11 @@ def _check_shape(shape: tuple[int, ...]) -> None:
 
 
 def bezier_points(
-    space: SplineSpace, coefficients: Float[Array, "n d"], elements: Int[Array, " chosen"] | None = None
+    tables: ElementTables, coefficients: Float[Array, "n d"], elements: Int[Array, " chosen"] | None = None
 ) -> Float[Array, "chosen 4 4 d"]:
     """Bézier points of every element, or of the chosen ones."""
-    tables = (space.functions, space.along_s, space.along_t)
-    functions, along_s, along_t = tables if elements is None else (table[elements] for table in tables)
+    parts = (tables.functions, tables.along_s, tables.along_t)
+    functions, along_s, along_t = parts if elements is None else (part[elements] for part in parts)
     return jnp.einsum("eka,ekb,ekd->eabd", along_s, along_t, coefficients[functions], precision="highest")
 
 
@@ -169,12 +169,12 @@ def _derivative(surface: TSpline, parameters: Array, order: tuple[int, int]) -> 
     if space.rational:
         coefficients = jnp.concatenate([coefficients, jnp.ones_like(coefficients[:, :1])], axis=1)
     element = space.locator(parameters)
-    if 4 * parameters.shape[0] < space.functions.shape[0]:
-        points = bezier_points(space, coefficients, element)
+    if 4 * parameters.shape[0] < space.tables.functions.shape[0]:
+        points = bezier_points(space.tables, coefficients, element)
     else:
-        points = bezier_points(space, coefficients)[element]
-    size = space.size[element]
-    local = (parameters - space.corner[element]) / size
+        points = bezier_points(space.tables, coefficients)[element]
+    size = space.tables.size[element]
+    local = (parameters - space.tables.corner[element]) / size
 
     def polynomial(orders: tuple[int, int]) -> Array:
         along_s, along_t = (bernstein(local[:, k], orders[k]) / size[:, k, None] ** orders[k] for k in range(2))

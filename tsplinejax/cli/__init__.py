@@ -1,0 +1,3 @@
+"""The command line `tsplinejax`: fit, evaluate, info, convert, plot, demo."""
+
+from ._main import main as main

@@ -1,0 +1,170 @@
+"""`tsplinejax fit`: from measured data to a model file."""
+
+import argparse
+import sys
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..codec import save
+from ..data import HeightMap, PointCloud
+from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
+from ..io._files import existing_file
+from ..mesh import AnalysisSuitable, Dyadic
+from ._arguments import Parser, add_command, add_data_options, lattice, share, weight
+from ._files import checked_output, checked_picture, read_data, write_picture
+from ._level import levelled
+from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity, table
+
+_MODELS = (".tspl",)
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command to the parser."""
+    parser = add_command(
+        subparsers,
+        "fit",
+        "fit a T-spline to measured data and write the model",
+        "tsplinejax fit map.x3p -o map.tspl --tolerance 5nm --robust --plot map.png",
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument("input", metavar="INPUT", help="height map or point cloud")
+    parser.add_argument("-o", "--output", metavar="MODEL.tspl", required=True, help="the model file to write")
+    _add_criterion(parser)
+    _add_method(parser)
+    group = parser.add_argument_group("budgets: where one ends the fit, the model is written and the exit code is 1")
+    group.add_argument("--max-steps", metavar="N", type=int, help="steps of refinement")
+    group.add_argument("--max-control-points", metavar="N", type=int, help="default: half the valid samples")
+    group.add_argument("--max-seconds", metavar="S", type=float, help="seconds")
+    add_data_options(parser)
+    parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
+
+
+def _add_criterion(parser: Parser) -> None:
+    group = parser.add_argument_group("criterion (at most one of the first three; none means --noise auto)")
+    one = group.add_mutually_exclusive_group()
+    one.add_argument("--tolerance", metavar="X", help="largest error at any sample: 5nm, 0.8um, or in the data's unit")
+    one.add_argument("--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%")
+    one.add_argument("--noise", metavar="auto|X", help="stop at the noise: estimated, or of this standard deviation")
+    group.add_argument("--robust", action="store_true", help="set isolated spikes aside first")
+    group.add_argument("--level", choices=("none", "plane"), default="none", help="take off a plane first (default none)")
+    group.add_argument("--as-surface", action="store_true", help="fit a cloud's points in space, not z over (x, y)")
+
+
+def _add_method(parser: Parser) -> None:
+    group = parser.add_argument_group("method")
+    group.add_argument(
+        "--refinement",
+        choices=("analysis-suitable", "dyadic"),
+        default="analysis-suitable",
+        help="dyadic is the paper's (default analysis-suitable)",
+    )
+    group.add_argument(
+        "--solver",
+        choices=("local", "global"),
+        default="global",
+        help="which control points a step updates (default global); dyadic with local updates the altered ones alone, "
+        "which is the paper's algorithm",
+    )
+    group.add_argument(
+        "--lattice", metavar="auto|MxN", type=lattice, help="start lattice, M along x; auto tries a few, in more time"
+    )
+    group.add_argument("--first-cut", choices=("s", "t"), default="s", help="direction of the first cut (default s)")
+    group.add_argument(
+        "--smoothing", metavar="auto|X", type=weight, default="auto", help="weight of the bending energy (default auto)"
+    )
+    group.add_argument("--dtype", choices=("float64", "float32"), help="precision (default: the data's)")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Read, fit, write."""
+    target = checked_output(arguments.output, _MODELS, arguments.input, arguments.mask)
+    picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
+    existing_file(arguments.input)
+    data = read_data(arguments.input, arguments)
+    data = levelled(data) if arguments.level == "plane" else data
+    result = fit(data, **fit_options(arguments))
+    if picture is not None:
+        from ..plot import plot_overview
+
+        write_picture(picture, lambda: plot_overview(result))
+    save(target, result)
+    report = {"model": str(target), "plot": None if picture is None else str(picture), **report_of(result)}
+    return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
+
+
+def fit_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The options of `fit` in Python's words."""
+    dyadic, local = arguments.refinement == "dyadic", arguments.solver == "local"
+    solver = LocalSolver(ring=0) if dyadic and local else LocalSolver() if local else GlobalSolver()
+    names = (
+        "tolerance",
+        "relative_tolerance",
+        "noise",
+        "robust",
+        "as_surface",
+        "lattice",
+        "first_cut",
+        "smoothing",
+        "dtype",
+        "max_steps",
+        "max_control_points",
+        "max_seconds",
+    )
+    return {
+        **{name: getattr(arguments, name) for name in names},
+        "refinement": Dyadic() if dyadic else AnalysisSuitable(),
+        "solver": solver,
+        "progress": sys.stderr.isatty(),
+    }
+
+
+def report_of(result: FitResult) -> dict[str, Any]:
+    """A fit's figures, under the names that all commands use."""
+    names = (
+        "control_points",
+        "elements",
+        "converged",
+        "tolerance",
+        "max_error",
+        "rms_error",
+        "snr_db",
+        "snr_db_centred",
+        "range",
+        "unit",
+        "noise",
+        "smoothing",
+        "seconds",
+        "warnings",
+        "provenance",
+    )
+    return {
+        **{name: getattr(result, name) for name in names},
+        "stop": str(result.stop),
+        "stop_message": result.stop.message,
+        "steps": len(result.history) - 1,
+        "samples": len(result.samples),
+        "outliers": int(np.count_nonzero(result.outliers)),
+        "history": [asdict(step) for step in result.history],
+    }
+
+
+def _lines(data: HeightMap | PointCloud, result: FitResult, report: dict[str, Any]) -> tuple[str, ...]:
+    unit = result.unit
+    if np.isfinite(result.tolerance):
+        criterion = f"tolerance {quantity(result.tolerance, unit)}"
+    else:
+        criterion = f"noise of standard deviation {quantity(result.noise, unit)}"
+    rows = [
+        ("data", described(data)),
+        ("criterion", f"{criterion}: {'met' if result.converged else f'not met ({result.stop})'}"),
+        ("model", f"{result.control_points} control points, {result.elements} elements"),
+        ("largest error", quantity(result.max_error, unit)),
+        ("rms error", f"{quantity(result.rms_error, unit)} (SNR {result.snr_db_centred:.3g} dB, mean removed)"),
+        ("time", f"{result.seconds:.1f} s, {report['steps']} steps"),
+        ("written", ", ".join(name for name in (report["model"], report["plot"]) if name)),
+    ]
+    if report["outliers"]:
+        rows.insert(4, ("set aside", f"{report['outliers']} of {report['samples']} samples"))
+    return table(rows)
