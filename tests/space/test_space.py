@@ -115,17 +115,17 @@ def test_padding_changes_nothing():
     tmesh = b_lattice(3, 3)
     small, large = spline_space(tmesh), spline_space(tmesh, capacity=1024)
     for name in ("functions", "along_s", "along_t", "corner", "size"):
-        a, b = np.asarray(getattr(small, name)), np.asarray(getattr(large, name))
+        a, b = np.asarray(getattr(small.tables, name)), np.asarray(getattr(large.tables, name))
         assert len(b) == 1024
         np.testing.assert_array_equal(a[:9], b[:9])
-    assert not np.asarray(large.along_s)[9:].any()
+    assert not np.asarray(large.tables.along_s)[9:].any()
 
 
 def test_known_elements_are_used():
     """Elements that the caller has found already give the same space."""
     tmesh = b_lattice(3, 2)
     again = spline_space(tmesh, elements=bezier_elements(tmesh))
-    np.testing.assert_array_equal(np.asarray(again.along_s), np.asarray(spline_space(tmesh).along_s))
+    np.testing.assert_array_equal(again.tables.along_s, spline_space(tmesh).tables.along_s)
 
 
 def test_capacities_grow_fourfold():

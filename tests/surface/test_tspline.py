@@ -71,7 +71,7 @@ def test_lattices_equal_scipy(columns, rows, border):
         )
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(meshes(Dyadic(), most=60))
 def test_surfaces_are_the_sum_of_the_definition(tmesh):
     """Σ b_i p_i / Σ b_i with blending functions from their local knots, on any dyadic mesh."""
@@ -80,7 +80,7 @@ def test_surfaces_are_the_sum_of_the_definition(tmesh):
     np.testing.assert_allclose(surface(INSIDE), expected, atol=1e-12)
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(hand_given())
 def test_hand_given_surfaces_are_the_sum_of_the_definition(tmesh):
     """The same on meshes given by hand, with T-junctions and uneven knots."""
@@ -103,7 +103,7 @@ def test_a_hand_given_mesh(rectangles):
     np.testing.assert_allclose(make_surface(surface.space, np.ones(tmesh.n_anchors))(INSIDE), 1, atol=1e-14)
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(meshes(Dyadic()), parameters())
 def test_constants_are_kept(tmesh, places):
     """The rational form reproduces a constant on any mesh, up to the border."""
@@ -158,7 +158,9 @@ def test_transformations(dtype, tolerance_of, dimension):
     close(batch, np.stack([eager, 2 * eager]))
 
 
-@BOTH
+@pytest.mark.parametrize(
+    ("tmesh", "dtype"), [(POLYNOMIAL, np.float64), (POLYNOMIAL, np.float32), (RATIONAL, np.float64)]
+)
 def test_gradients_with_respect_to_control_points(tmesh, dtype):
     """The gradient of a sum of squares in the control points equals finite differences, the Jacobian the basis."""
     surface = random_surface(tmesh, dtype=dtype)
@@ -178,8 +180,14 @@ def test_gradients_with_respect_to_control_points(tmesh, dtype):
     np.testing.assert_allclose(whole.control_points, gradient, atol=100 * exact)
 
 
-@BOTH
-@pytest.mark.parametrize("transform", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize(
+    ("tmesh", "transform", "dtype"),
+    [
+        (POLYNOMIAL, jax.jacfwd, np.float64),
+        (POLYNOMIAL, jax.jacrev, np.float32),
+        (RATIONAL, jax.jacrev, np.float64),
+    ],
+)
 def test_gradients_with_respect_to_parameters(tmesh, transform, dtype):
     """Forward and reverse differentiation in the parameters give the first derivatives, points in space included."""
     surface = random_surface(tmesh, dimension=3, dtype=dtype)
@@ -249,14 +257,15 @@ def test_places_in_the_plane():
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
-def test_border_places_are_inside(dtype, origin, extent):
-    """Round-off of the frame pushes no border sample outside, however far away the origin is."""
-    surface = make_surface(FLAT[dtype.name], np.ones(16), Frame((origin, origin), (extent, extent)))
+def test_border_places_are_inside(origin, extent):
+    """Round-off of the frame pushes no border sample outside, however far away the origin is, in both precisions."""
     near, far = origin, origin + extent
-    assert np.isfinite(surface.at(np.array([near, far, near, far]), np.array([near, near, far, far]))).all()
+    for space in FLAT:
+        surface = make_surface(space, np.ones(16), Frame((origin, origin), (extent, extent)))
+        assert np.isfinite(surface.at(np.array([near, far, near, far]), np.array([near, near, far, far]))).all()
 
 
-FLAT = {name: spline_space(b_lattice(1, 1), dtype=name) for name in ("float32", "float64")}
+FLAT = [spline_space(b_lattice(1, 1), dtype=name) for name in ("float32", "float64")]
 
 
 def test_points_in_space_have_no_unique_places():

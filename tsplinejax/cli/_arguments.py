@@ -37,9 +37,13 @@ def add_data_options(parser: argparse.ArgumentParser, what: str = "the input") -
     """Add the options that say what a file of data does not say itself."""
     group = parser.add_argument_group(f"what {what} does not say itself")
     group.add_argument("--spacing", metavar="DX[,DY]", help="pixel spacing, in --unit or with a unit, as in 0.5um")
-    group.add_argument("--unit", metavar="U", help="unit of x, y and z: nm, um, mm, m, ...; data in another are converted")
+    group.add_argument(
+        "--unit", metavar="U", help="unit of x, y and z: nm, um, mm, m, ...; data in another are converted"
+    )
     group.add_argument("--height-unit", metavar="U", help="unit of the heights, if it differs from --unit")
-    group.add_argument("--mask", metavar="FILE", help="array or image of the map's shape; non-zero marks missing pixels")
+    group.add_argument(
+        "--mask", metavar="FILE", help="array or image of the map's shape; non-zero marks missing pixels"
+    )
     group.add_argument("--crop", metavar="X0,Y0,X1,Y1", help="keep this rectangle, in the data's unit")
     group.add_argument("--as", dest="as_", choices=("map", "cloud"), help="read as a height map or as a point cloud")
 

@@ -1,27 +1,23 @@
 """`tsplinejax evaluate`: heights or points of a model, where they are wanted."""
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from .._errors import InputError
 from ..codec import load
 from ..data import HeightMap, PointCloud
 from ..io import WRITABLE, write
 from ..io._arrays import load_npy
-from ..io._files import MOST_VALUES, existing_file, reading
+from ..io._files import MOST_VALUES, existing_file, reading, written_whole
 from ..surface import TSpline
 from ._arguments import add_command, add_data_options, counts, data_options
 from ._files import checked_model, checked_output, read_data
 from ._outcome import Outcome, percentage, quantity, table
+from ._places import at_parameters, at_places, in_unit_of
 
-#: Places evaluated at a time: bounds the memory, and one compiled kernel serves all.
-_CHUNK = 1 << 18
-_FEWEST = 1 << 10
 _CLOUDS = (".npy", ".npz", ".csv", ".ply")
 
 
@@ -73,8 +69,7 @@ def _refuse_data_options(arguments: argparse.Namespace) -> None:
         raise InputError(f"{option} describes the data of --like, but there are none; leave it out")
 
 
-Values = np.ndarray
-Evaluated = tuple[Values, HeightMap | PointCloud | None, dict[str, Any]]
+Evaluated = tuple[np.ndarray, HeightMap | PointCloud | None, dict[str, Any]]
 
 
 def _like(surface: TSpline, arguments: argparse.Namespace) -> Evaluated:
@@ -102,18 +97,6 @@ def _like(surface: TSpline, arguments: argparse.Namespace) -> Evaluated:
     if isinstance(data, HeightMap):
         return values, HeightMap(values, data.spacing, data.unit, origin=data.origin), extra
     return values, _cloud(surface, np.column_stack([x, y, values])), extra
-
-
-def in_unit_of(surface: TSpline, data: HeightMap | PointCloud) -> HeightMap | PointCloud:
-    """The data in the model's unit; refused where only the model's is known."""
-    unit = surface.frame.unit
-    if unit is None or unit == data.unit:
-        return data
-    if data.unit is None:
-        raise InputError(
-            f"the model is in {unit}, but the data have no unit; give --unit (and --spacing) as for the fit"
-        )
-    return data.to_unit(unit)
 
 
 def _on_grid(surface: TSpline, rows: int, columns: int) -> Evaluated:
@@ -150,46 +133,16 @@ def _at_parameters(surface: TSpline, path: str) -> Evaluated:
     return values, _cloud(surface, values), {}
 
 
-def at_parameters(surface: TSpline, parameters: Float[np.ndarray, "m 2"]) -> Values:
-    """The surface at many parameters: heights (m,) or points (m, 3)."""
-    return in_chunks(lambda chunk: np.asarray(surface(chunk)), np.asarray(parameters, surface.space.dtype))
-
-
-def at_places(surface: TSpline, x: np.ndarray, y: np.ndarray) -> Values:
-    """The surface at many places: heights of their shape, or points in space; NaN outside the domain."""
-    places = np.column_stack([np.ravel(x), np.ravel(y)])
-    if surface.is_height_map:
-        values = in_chunks(lambda chunk: np.asarray(surface.at(chunk[:, 0], chunk[:, 1])), places)
-        return values.reshape(np.shape(x))
-    parameters = surface.frame.parameters_of(places[:, 0], places[:, 1])
-    slack = 64 * np.finfo(surface.space.dtype).eps
-    inside = ((parameters >= -slack) & (parameters <= 1 + slack)).all(axis=1)
-    values = at_parameters(surface, np.clip(parameters, 0, 1))
-    return np.where(inside[:, None], values, np.nan)
-
-
-def in_chunks(evaluate: Callable[[np.ndarray], Values], places: Float[np.ndarray, "m 2"]) -> Values:
-    """Evaluate in parts of one length: each part but the last is full, and the last is filled up."""
-    length = _FEWEST
-    while length < min(len(places), _CHUNK):
-        length *= 2
-    parts = []
-    for start in range(0, len(places), length):
-        part = places[start : start + length]
-        filled = np.concatenate([part, np.repeat(part[-1:], length - len(part), axis=0)])
-        parts.append(evaluate(filled)[: len(part)])
-    return np.concatenate(parts)
-
-
 def _cloud(surface: TSpline, points: np.ndarray) -> PointCloud | None:
     """The points as data; `None` where some lie outside the model."""
     return PointCloud(points, surface.frame.unit) if np.isfinite(points).all() else None
 
 
-def _write(target: Path, values: Values, data: HeightMap | PointCloud | None) -> None:
+def _write(target: Path, values: np.ndarray, data: HeightMap | PointCloud | None) -> None:
     """Write the bare array, or everything that is known about it."""
     if target.suffix.lower() == ".npy":
-        write(target, HeightMap(values.reshape(len(values), -1)) if False else values)
+        with written_whole(target) as stream:
+            np.save(stream, values, allow_pickle=False)
         return
     if data is None:
         raise InputError(f"values with NaN in them are written to .npy only, not to {target.name}")
@@ -198,7 +151,7 @@ def _write(target: Path, values: Values, data: HeightMap | PointCloud | None) ->
     write(target, data)
 
 
-def _outcome(surface: TSpline, target: Path, values: Values, extra: dict[str, Any]) -> Outcome:
+def _outcome(surface: TSpline, target: Path, values: np.ndarray, extra: dict[str, Any]) -> Outcome:
     unit = surface.frame.unit
     finite = values[np.isfinite(values)] if surface.is_height_map else values[np.isfinite(values).all(axis=1)]
     spread = float(np.linalg.norm(np.ptp(finite, axis=0)))

@@ -14,6 +14,7 @@ from ..io._files import existing_file, written_whole
 from ._arguments import data_options
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _PICTURES = (".png", ".pdf", ".svg")
@@ -42,8 +43,8 @@ def checked_model(path: str) -> str:
 def checked_output(path: str, suffixes: tuple[str, ...], *inputs: str | None) -> Path:
     """The path to write, after checking what can be known before there is something to write.
 
-    **Raises:** `InputError` for a suffix that is not among `suffixes`, a folder that is missing or cannot be written to,
-    and a file that is one of the inputs.
+    **Raises:** `InputError` for a suffix that is not among `suffixes`, a folder that is missing or cannot be written
+    to, and a file that is one of the inputs.
     """
     target = Path(path)
     if target.suffix.lower() not in suffixes:
@@ -68,9 +69,9 @@ def checked_picture(path: str, *inputs: str | None) -> Path:
     return target
 
 
-def write_picture(target: Path, draw: Callable[[], "Figure"]) -> None:
-    """Draw a figure and write it; the file appears whole or not at all."""
-    figure = draw()
+def write_picture(target: Path, draw: Callable[[], "Figure | Axes"]) -> None:
+    """Draw a figure (or axes in one) and write it; the file appears whole or not at all."""
+    figure: Any = draw().figure
     # No date: equal figures give equal files.
     metadata: dict[str, Any] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(target.suffix.lower(), {})
     with written_whole(target) as stream:

@@ -12,6 +12,7 @@ from ..data import HeightMap, PointCloud
 from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
 from ..io._files import existing_file
 from ..mesh import AnalysisSuitable, Dyadic
+from ..plot import plot_overview
 from ._arguments import Parser, add_command, add_data_options, lattice, share, weight
 from ._files import checked_output, checked_picture, read_data, write_picture
 from ._level import levelled
@@ -45,10 +46,14 @@ def _add_criterion(parser: Parser) -> None:
     group = parser.add_argument_group("criterion (at most one of the first three; none means --noise auto)")
     one = group.add_mutually_exclusive_group()
     one.add_argument("--tolerance", metavar="X", help="largest error at any sample: 5nm, 0.8um, or in the data's unit")
-    one.add_argument("--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%")
+    one.add_argument(
+        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
+    )
     one.add_argument("--noise", metavar="auto|X", help="stop at the noise: estimated, or of this standard deviation")
     group.add_argument("--robust", action="store_true", help="set isolated spikes aside first")
-    group.add_argument("--level", choices=("none", "plane"), default="none", help="take off a plane first (default none)")
+    group.add_argument(
+        "--level", choices=("none", "plane"), default="none", help="take off a plane first (default none)"
+    )
     group.add_argument("--as-surface", action="store_true", help="fit a cloud's points in space, not z over (x, y)")
 
 
@@ -85,11 +90,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     data = read_data(arguments.input, arguments)
     data = levelled(data) if arguments.level == "plane" else data
     result = fit(data, **fit_options(arguments))
-    if picture is not None:
-        from ..plot import plot_overview
-
-        write_picture(picture, lambda: plot_overview(result))
     save(target, result)
+    if picture is not None:
+        write_picture(picture, lambda: plot_overview(result))
     report = {"model": str(target), "plot": None if picture is None else str(picture), **report_of(result)}
     return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
 

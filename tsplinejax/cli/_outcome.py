@@ -9,6 +9,7 @@ import numpy as np
 
 from ..codec._plain import plain
 from ..data import HeightMap, PointCloud
+from ..plot._style import display_unit
 
 MET, STOPPED_EARLIER, REFUSED = 0, 1, 2
 
@@ -50,14 +51,26 @@ def table(rows: Iterable[tuple[str, str]]) -> tuple[str, ...]:
 
 
 def quantity(value: float | None, unit: str | None) -> str:
-    """A length with its unit, to four digits.
+    """A length with its unit, to four digits; in a handier unit where the data's own would take many zeros.
 
-    >>> quantity(0.0123456, "µm")
-    '0.01235 µm'
+    >>> quantity(1.23456, "µm"), quantity(2.5e-7, "m"), quantity(None, "m")
+    ('1.235 µm', '250 nm', 'unknown')
     """
     if value is None or not np.isfinite(value):
         return "unknown"
-    return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
+    factor, shown = display_unit(abs(value), unit)
+    return f"{value * factor:.4g} {shown}" if shown else f"{value:.4g}"
+
+
+def pair(first: float, second: float, unit: str | None) -> str:
+    """Two lengths in one unit: a spacing or an extent.
+
+    >>> pair(2e-7, 4e-7, "m")
+    '200 × 400 nm'
+    """
+    factor, shown = display_unit(max(abs(first), abs(second)), unit)
+    numbers = f"{first * factor:.4g} × {second * factor:.4g}"
+    return f"{numbers} {shown}" if shown else numbers
 
 
 def percentage(part: float) -> str:
@@ -71,11 +84,10 @@ def percentage(part: float) -> str:
 
 def described(data: HeightMap | PointCloud) -> str:
     """Data in a few words."""
-    unit = f" {data.unit}" if data.unit else ""
     if isinstance(data, PointCloud):
-        return f"{len(data.points)} points, diagonal {data.diagonal:.4g}{unit}"
-    (rows, columns), (dx, dy) = data.shape, data.spacing
+        return f"{len(data.points)} points, diagonal {quantity(data.diagonal, data.unit)}"
+    rows, columns = data.shape
     return (
-        f"{rows} rows × {columns} columns, spacing {dx:.4g} × {dy:.4g}{unit}, range {data.range:.4g}{unit}, "
-        f"{percentage(float(data.valid.mean()))} valid"
+        f"{rows} rows × {columns} columns, spacing {pair(*data.spacing, data.unit)}, "
+        f"range {quantity(data.range, data.unit)}, {percentage(float(data.valid.mean()))} valid"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..mesh import MAX_LEVEL, Refinement, bisect
-from ..space import make_blocks, pad
+from ..space import make_blocks, pad, to_device
 from ..surface import beside_anchors, blossom
 from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
 from ._direct import solve_directly
@@ -75,7 +75,7 @@ def begin(problem: Problem) -> State:
     moments = empty_moments(mesh.space, d)
     moments = add_samples(moments, mesh.space, problem.samples, mesh.blocks, problem.tile_length)
     system = _update(problem, mesh, moments, empty_system(mesh.space, d), np.arange(len(mesh.elements)))
-    zeros = jnp.zeros((mesh.capacity, d), problem.dtype)
+    zeros = to_device(np.zeros((mesh.capacity, d)), problem.dtype)
     coefficients = _solve_long(problem, mesh, system, zeros)
     return _measure(problem, mesh, moments, system, coefficients, np.inf, True, (), started)
 
@@ -101,7 +101,7 @@ def advance(problem: Problem, state: State) -> State:
     if problem.rational:  # Σb changes weights and values of every altered neighbourhood: sum all of it again
         source = np.full_like(source, -1)
     changed = np.flatnonzero(source < 0)
-    device_source = jnp.asarray(pad(source.astype(np.int32), mesh.capacity, -1))
+    device_source = to_device(pad(source.astype(np.int32), mesh.capacity, -1))
     moments = inherit_moments(state.moments, device_source)
     blocks = make_blocks(mesh.ranges, changed)
     moments = add_samples(moments, mesh.space, problem.samples, blocks, problem.tile_length)
@@ -202,7 +202,7 @@ def _transfer(problem: Problem, state: State, mesh: Discretisation, kept: np.nda
     points = homogeneous_points(state.mesh.space, state.coefficients)
     places = beside_anchors(state.mesh.tmesh, state.mesh.elements, mesh.tmesh, mesh.capacity)
     moved = blossom(points, *places)
-    source = jnp.asarray(pad(kept.astype(np.int32), mesh.capacity, -1))
+    source = to_device(pad(kept.astype(np.int32), mesh.capacity, -1))
     return _keep(moved, state.coefficients, source)
 
 
@@ -227,10 +227,10 @@ def _solve_step(
             free = grow(mesh.elements.functions, free)
         affected = np.flatnonzero(_touched(mesh, free))
         length = max(problem.least_capacity, 4 ** int(np.ceil(np.log(len(affected) + 1) / np.log(4))))
-        system = restrict(system, jnp.asarray(pad(affected.astype(np.int32), length, -1)))
-    iterations = jnp.asarray(solver.iterations, jnp.int32)
+        system = restrict(system, to_device(pad(affected.astype(np.int32), length, -1)))
+    iterations = to_device(solver.iterations, np.int32)
     solution = conjugate_gradients(
-        system, start, _device_mask(mesh, free), iterations, jnp.asarray(TIGHT, problem.dtype)
+        system, start, _device_mask(mesh, free), iterations, to_device(TIGHT, problem.dtype)
     )
     return solution.coefficients
 
@@ -240,7 +240,7 @@ def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: A
     free = _device_mask(mesh, np.ones(mesh.tmesh.n_anchors, bool))
     tight = TIGHT if problem.dtype == np.float64 else 1e-6
     solution = conjugate_gradients(
-        system, start, free, jnp.asarray(LONG_SOLVE, jnp.int32), jnp.asarray(tight, problem.dtype)
+        system, start, free, to_device(LONG_SOLVE, np.int32), to_device(tight, problem.dtype)
     )
     if float(solution.error) > max(ACCEPTABLE, tight):
         exact = solve_directly(system, solution.coefficients, mesh.tmesh.n_anchors)
@@ -249,7 +249,7 @@ def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: A
 
 
 def _device_mask(mesh: Discretisation, free: Bool[np.ndarray, " n"]) -> Array:
-    return jnp.asarray(pad(free, mesh.capacity, False))
+    return to_device(pad(free, mesh.capacity, False))
 
 
 def _measure(
@@ -265,10 +265,11 @@ def _measure(
     before: State | None = None,
 ) -> State:
     """Residuals, excess and the step's entry in the history."""
-    rest = residuals(mesh.space, coefficients, problem.samples, mesh.blocks, problem.tile_length)
     points = homogeneous_points(mesh.space, coefficients)
-    excess = problem.criterion.excess(mesh, moments, points[..., : problem.data.dimension], rest)
-    energy = float(bending_energy(points[..., : problem.data.dimension], mesh.space.tables.size * problem.extent))
+    rest = residuals(mesh.space, points, problem.samples, mesh.blocks, problem.tile_length)
+    polynomial = points[..., : problem.data.dimension] if problem.rational else points
+    excess = problem.criterion.excess(mesh, moments, polynomial, rest)
+    energy = float(bending_energy(polynomial, mesh.space.tables.size, problem.extent))
     clock = started if before is None else before.started
     state = State(mesh, moments, system, coefficients, rest, excess, stage, polished, history, clock)
     return replace(state, history=(*history, _entry(problem, state, energy, started)))
@@ -276,22 +277,19 @@ def _measure(
 
 def _entry(problem: Problem, state: State, energy: float, started: float) -> Step:
     """The step's line in the history, in the data's unit."""
-    factor = problem.scaling.factor
-    counted = np.asarray(problem.samples.weights)[: problem.n_samples] > 0
-    squares = np.sum(state.residuals.values.astype(np.float64) ** 2, axis=1)[counted]
-    rms, largest = float(np.sqrt(squares.mean())), float(np.sqrt(squares.max()))
-    data = problem.data.values[problem.order.permutation][counted].astype(np.float64)
-    error = squares.sum() * factor**2
-    objective = (float(state.residuals.squares.sum(dtype=np.float64)) + problem.smoothing * energy) * factor**2
+    factor, rest = problem.scaling.factor, state.residuals
+    error = float(rest.plain.sum(dtype=np.float64))
+    objective = float(rest.weighted.sum(dtype=np.float64)) + problem.smoothing * energy
+    signal, centred = problem.signal
     return Step(
         step=len(state.history),
         control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
-        max_error=largest * factor,
-        rms_error=rms * factor,
-        snr_db=_decibel(np.sum(data**2), error),
-        snr_db_centred=_decibel(np.sum((data - data.mean(axis=0)) ** 2), error),
-        objective=objective,
+        max_error=float(rest.largest.max()) * factor,
+        rms_error=float(np.sqrt(error / problem.n_counted)) * factor,
+        snr_db=_decibel(signal, error * factor**2),
+        snr_db_centred=_decibel(centred, error * factor**2),
+        objective=objective * factor**2,
         tolerance=problem.criterion.stage_tolerance(max(1.0, state.stage), factor),
         seconds=time.perf_counter() - started,
     )

@@ -97,10 +97,10 @@ class NoiseCriterion(AbstractCriterion):
     ) -> Float[np.ndarray, " elements"]:
         """Root of the larger of both statistics over its threshold: an error ratio, like the tolerance's."""
         counts = np.diff(mesh.ranges).astype(np.float64)
-        d = residuals.values.shape[1]
+        d = points.shape[-1]
         sums = np.append(0.0, np.cumsum(self.variance))
         variance = (sums[mesh.ranges[1:]] - sums[mesh.ranges[:-1]]) / np.maximum(counts, 1)
-        squares = mesh.per_bezier(np.add, residuals.squares)
+        squares = mesh.per_bezier(np.add, residuals.weighted)
         explained = np.asarray(explained_squares(moments, points))[: len(counts)]
         totals = [mesh.per_element(np.add, part) for part in (squares, explained, counts, variance * counts)]
         squares, explained, counts, expected = totals

@@ -27,8 +27,11 @@ def element_energy(
 
 
 @jax.jit
-def bending_energy(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) -> Float[Array, ""]:
-    """The energy of polynomial pieces with these Bézier points on elements with physical sides."""
+def bending_energy(
+    points: Float[Array, "e 4 4 d"], size: Float[Array, "e 2"], extent: Float[Array, " 2"]
+) -> Float[Array, ""]:
+    """The energy of polynomial pieces with these Bézier points on elements of these sizes in parameters."""
+    sides = size * extent
     total = jnp.zeros((), points.dtype)
     for order_s, order_t, factor in ((2, 0, 1), (1, 1, 2), (0, 2, 1)):
         gram_s, gram_t = (jnp.asarray(gram(order), points.dtype) for order in (order_s, order_t))

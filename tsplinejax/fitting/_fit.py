@@ -178,7 +178,7 @@ def _result(
     samples = request.samples
     surface = make_surface(state.mesh.space, points if samples.dimension > 1 else points[:, 0], samples.frame)
     residuals = np.empty_like(samples.values, dtype=np.float64)
-    residuals[problem.order.permutation] = state.residuals.values * scaling.factor
+    residuals[problem.order.permutation] = state.residuals.values() * scaling.factor
     entry = next(step for step in reversed(state.history) if step.control_points == n)
     warnings = list(request.warnings)
     if stop not in (StopReason.TOLERANCE, StopReason.NOISE):

@@ -4,12 +4,14 @@ min_P Σ_j w_j |v_j - f_P(s_j, t_j)|² + λ E(f_P). The linear solve is implicit
 so they cost one more solve and hold at the solution, whatever path the iterations took.
 """
 
+from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._errors import InputError
@@ -44,7 +46,8 @@ def lstsq(
 
     **Returns:** control points (n,) or (n, d). Differentiable, and works under `jit` and `vmap`.
 
-    **Raises:** `InputError` for shapes that do not fit together and, without smoothing, for fewer samples than control
+    **Raises:** `InputError` for shapes that do not fit together, values, weights or λ that are not finite (or negative,
+    for the latter two) and, without smoothing, for fewer samples than control
     points (the problem is then singular: give `smoothing=`, or a coarser space).
 
     >>> from tsplinejax.mesh import b_lattice
@@ -68,21 +71,40 @@ def _checked(
     space: SplineSpace, places: Array, values: ArrayLike, weights: ArrayLike | None, smoothing: ArrayLike
 ) -> tuple[Array, Array]:
     """Values and weights as device arrays of matching shape."""
-    values = jnp.asarray(values, space.dtype)
-    weights = jnp.ones(len(places), space.dtype) if weights is None else jnp.asarray(weights, space.dtype)
+    values = _real(values, "values", space.dtype)
+    weights = jnp.ones(len(places), space.dtype) if weights is None else _real(weights, "weights", space.dtype)
     m = len(places)
     if places.ndim != 2 or values.ndim not in (1, 2) or len(values) != m or weights.shape != (m,):
         raise InputError(
             "lstsq takes parameters (m, 2), values (m,) or (m, d) and weights (m,); received "
             f"{places.shape}, {values.shape} and {weights.shape}"
         )
-    unsmoothed = not isinstance(smoothing, jax.Array) and float(np.asarray(smoothing)) == 0
+    _require(weights, lambda w: bool((w >= 0).all()), "weights are finite and not negative")
+    _require(values, lambda v: True, "values are finite; leave missing ones out")
+    weight = _real(smoothing, "smoothing", space.dtype)
+    _require(weight, lambda w: w.ndim == 0 and bool(w >= 0), "smoothing λ is one finite number of at least zero")
+    unsmoothed = not isinstance(weight, Tracer) and float(weight) == 0
     if unsmoothed and m < int(space.n_functions):
         raise InputError(
             f"without smoothing there must be at least as many samples as control points; received {m} samples for "
             f"{int(space.n_functions)}; give smoothing=, or a coarser space"
         )
     return values, weights
+
+
+def _real(values: ArrayLike, name: str, dtype: np.dtype) -> Array:
+    """Real numbers as a device array."""
+    if not isinstance(values, jax.Array) and np.asarray(values).dtype.kind not in "biuf":
+        raise InputError(f"{name} are real numbers; received {np.asarray(values).dtype}; convert them first")
+    return jnp.asarray(values, dtype)
+
+
+def _require(values: Array, rule: Callable[[np.ndarray], bool], message: str) -> None:
+    """Raise for concrete values that are not finite or break the rule; traced ones are not known yet."""
+    if not isinstance(values, Tracer):
+        array = np.asarray(values)
+        if not np.isfinite(array).all() or not rule(array):
+            raise InputError(f"{message}; received {array[~(np.isfinite(array) & (array >= 0))].ravel()[:3]}")
 
 
 @eqx.filter_jit
@@ -92,7 +114,12 @@ def _solve(
     """The implicit solve, with diagonal scaling."""
     moments = _moments(space, places, values, weights)
     matrices, loads = element_matrices(
-        space.tables.functions, space.tables.along_s, space.tables.along_t, space.tables.size * sides, moments, smoothing
+        space.tables.functions,
+        space.tables.along_s,
+        space.tables.along_t,
+        space.tables.size * sides,
+        moments,
+        smoothing,
     )
     length = space.capacity
     load = jnp.zeros((length, values.shape[1]), space.dtype).at[space.tables.functions].add(loads)

@@ -33,6 +33,7 @@ class TileSamples(eqx.Module):
     weights: Float[Array, "blocks 16"]
 
 
+@jax.jit
 def gather_tile(samples: SortedSamples, tile: Tile, corner: Array, size: Array) -> TileSamples:
     """Fetch a tile's samples."""
     index = tile.start[:, None] + jnp.arange(BLOCK)
@@ -43,23 +44,34 @@ def gather_tile(samples: SortedSamples, tile: Tile, corner: Array, size: Array) 
     return TileSamples(local[..., 0], local[..., 1], samples.values[index], weights)
 
 
-@partial(jax.jit, donate_argnums=0)
-def _add_tile(
-    moments: Moments, samples: SortedSamples, tile: Tile, corner: Array, size: Array, sums: Array | None
-) -> Moments:
-    """Add the moments of one tile of blocks; `sums` holds the Bézier points of Σb where the surface is rational."""
-    local = gather_tile(samples, tile, corner, size)
+@jax.jit
+def gather_pieces(points: Float[Array, "capacity 4 4 d"], tile: Tile) -> Float[Array, "blocks 4 4 d"]:
+    """Bézier points of the elements of a tile's blocks."""
+    return points[tile.element]
+
+
+@jax.jit
+def _tile_moments(local: TileSamples, sums: Array | None) -> Moments:
+    """Moments of every block of a tile; `sums` holds the Bézier points of Σb where the surface is rational.
+
+    Its shape is the tile's, whatever the mesh: the larger kernels compile once.
+    """
     weights, values = local.weights, local.values
     cubic_s, cubic_t = bernstein(local.u), bernstein(local.v)
     if sums is not None:
-        total = jnp.einsum("tla,tlb,tab->tl", cubic_s, cubic_t, sums[tile.element])
+        total = jnp.einsum("tla,tlb,tab->tl", cubic_s, cubic_t, sums[..., 0])
         weights, values = weights / total**2, values * total[..., None]
-    mass = jnp.einsum(
-        "tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), precision="highest"
-    )
+    highest = {"precision": "highest"}
+    mass = jnp.einsum("tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), **highest)
     weighted = values * weights[..., None]
-    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, precision="highest")
-    return Moments(moments.mass.at[tile.element].add(mass), moments.load.at[tile.element].add(load))
+    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, **highest)
+    return Moments(mass, load)
+
+
+@partial(jax.jit, donate_argnums=0)
+def _add_blocks(moments: Moments, blocks: Moments, element: Array) -> Moments:
+    """Add the moments of blocks to those of their elements."""
+    return Moments(moments.mass.at[element].add(blocks.mass), moments.load.at[element].add(blocks.load))
 
 
 def empty_moments(space: SplineSpace, dimension: int) -> Moments:
@@ -80,9 +92,11 @@ def add_samples(
     moments: Moments, space: SplineSpace, samples: SortedSamples, blocks: Blocks, tile_length: int
 ) -> Moments:
     """Add the samples of these blocks to the moments."""
-    sums = sum_points(space.tables) if space.rational else None
+    sums = sum_points(space.tables)[..., None] if space.rational else None
     for tile in blocks.tiles(tile_length):
-        moments = _add_tile(moments, samples, tile, space.tables.corner, space.tables.size, sums)
+        local = gather_tile(samples, tile, space.tables.corner, space.tables.size)
+        part = _tile_moments(local, None if sums is None else gather_pieces(sums, tile))
+        moments = _add_blocks(moments, part, tile.element)
     return moments
 
 

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
 from ..data import Frame, Samples
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
-from ..space import BLOCK, Order, SortedSamples, pad, sort_samples
+from ..space import BLOCK, Order, SortedSamples, pad, sort_samples, to_device
 from ._criteria import AbstractCriterion
 from ._solve import AbstractSolver, GlobalSolver
 
@@ -67,11 +67,21 @@ class Problem:
         """Number of samples, outliers included."""
         return len(self.data)
 
-    @property
+    @cached_property
+    def counted(self) -> Bool[np.ndarray, " m"]:
+        """Samples that count: neither outliers nor of weight zero."""
+        return ~self.outliers if self.data.weights is None else ~self.outliers & (self.data.weights > 0)
+
+    @cached_property
     def n_counted(self) -> int:
-        """Number of samples that count: neither outliers nor of weight zero."""
-        weighted = np.ones(len(self.data), bool) if self.data.weights is None else self.data.weights > 0
-        return int((weighted & ~self.outliers).sum())
+        """Number of samples that count."""
+        return int(self.counted.sum())
+
+    @cached_property
+    def signal(self) -> tuple[float, float]:
+        """Σ |v|² of the samples that count, as they are and with their mean removed: the signals of the two SNRs."""
+        values = self.data.values[self.counted].astype(np.float64)
+        return float(np.sum(values**2)), float(np.sum((values - values.mean(axis=0)) ** 2))
 
     @property
     def dtype(self) -> np.dtype:
@@ -150,7 +160,7 @@ def prepare_samples(
     values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
     parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
     length = 1 << int(np.ceil(np.log2(len(data) + BLOCK)))  # doubles with the data, so kernels rarely see a new shape
-    return SortedSamples(*(jnp.asarray(pad(part, length, 0)) for part in parts)), order
+    return SortedSamples(*(to_device(pad(part, length, 0)) for part in parts)), order
 
 def pose(
     data: Samples,
@@ -188,4 +198,4 @@ def pose(
 def physical_extent(frame: Frame, dtype: np.dtype) -> Float[Array, " 2"]:
     """(Lx, Ly) in units of √(Lx Ly)."""
     sides = np.asarray(frame.extent, np.float64)
-    return jnp.asarray(sides / np.sqrt(sides.prod()), dtype)
+    return to_device(sides / np.sqrt(sides.prod()), dtype)

@@ -66,7 +66,7 @@ class _Trial:
         local = solution[system.functions]
         forms = jnp.einsum("eid,eij,ejd->d", local, system.matrices, local, precision="highest")
         points = homogeneous_points(mesh.space, solution[:, :values])[..., :values]
-        bending = smoothing * bending_energy(points, mesh.space.tables.size * problem.extent)
+        bending = smoothing * bending_energy(points, mesh.space.tables.size, problem.extent)
         rest = self.squares - 2 * products[:values].sum() + forms[:values].sum() - bending
         freedom = float(products[values:].mean())
         counted = problem.n_counted

@@ -146,8 +146,8 @@ def _checked(tolerances: Sequence[Length], unit: str | None) -> list[float]:
 
 def _ladder(spread: float, noise: float) -> list[float]:
     """Round tolerances (1, 2, 5, 10, ...) from a tenth of the range to a thousandth, or to the noise; loosest first."""
-    low = max(TIGHTEST * spread, noise)
-    high = max(LOOSEST * spread, low * 5)
+    low = min(max(TIGHTEST * spread, noise), spread / 4)
+    high = max(LOOSEST * spread, 4 * low)
     decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     rungs = [float(f"{digit}e{decade}") for decade in decades for digit in ROUND_NUMBERS]
     return [rung for rung in reversed(rungs) if low * (1 - 1e-9) <= rung <= high * (1 + 1e-9)]
@@ -156,7 +156,7 @@ def _ladder(spread: float, noise: float) -> list[float]:
 def _study(result: FitResult, rungs: list[float], request: Request, *, extended: bool) -> ToleranceStudy:
     """Read the tolerances off the history."""
     met = [rung for rung in rungs if _first_within(result, rung) is not None]
-    if extended and len(met) < FEWEST_RUNGS:
+    if extended and len(_worthwhile(result, met)) < FEWEST_RUNGS:
         met = sorted({*met, *_between(result)}, reverse=True)
     if not met:
         best = min(step.max_error for step in result.history)
@@ -170,12 +170,22 @@ def _study(result: FitResult, rungs: list[float], request: Request, *, extended:
         tolerances=tuple(met),
         control_points=counts,
         max_errors=tuple(step.max_error for step in steps if step),
-        suggested=_suggested(met, counts, result, _sigma(request)),
+        suggested=_suggested(result, met, _sigma(request)),
         unit=result.unit,
         range=result.range,
         noise=_sigma(request),
-        warnings=tuple(dict.fromkeys([*request.warnings, *result.warnings])),
+        warnings=(*request.warnings, *_unreached(result, rungs, met)),
     )
+
+
+def _unreached(result: FitResult, rungs: list[float], met: list[float]) -> list[str]:
+    """A sentence about the tolerances that were not met, if any."""
+    left = [rung for rung in rungs if rung not in met]
+    if not left:
+        return []
+    names = ", ".join(f"{rung:.4g}" for rung in left)
+    reason = f"the trial fit ended first ({result.stop}: {result.stop.message})"
+    return [f"not met and left out: the tolerances {names}; {reason}"]
 
 
 def _first_within(result: FitResult, tolerance: float) -> Any:
@@ -183,31 +193,37 @@ def _first_within(result: FitResult, tolerance: float) -> Any:
     return next((step for step in result.history if step.max_error <= tolerance), None)
 
 
+def _worthwhile(result: FitResult, tolerances: list[float]) -> dict[int, float]:
+    """The tightest of the tolerances for each number of control points."""
+    steps = [(_first_within(result, tolerance), tolerance) for tolerance in tolerances]
+    return {step.control_points: tolerance for step, tolerance in steps if step is not None}
+
+
 def _between(result: FitResult) -> list[float]:
-    """Three tolerances from the start lattice's error to the smallest one reached, rounded up to two digits."""
+    """Tolerances from the start lattice's error to the smallest one reached, rounded up to two digits."""
     first, best = result.history[0].max_error, min(step.max_error for step in result.history)
     if best <= 0:
         return []
     return [float(f"{error * 1.05:.1e}") for error in np.geomspace(first, best, FEWEST_RUNGS)]
 
 
-def _suggested(
-    tolerances: list[float], counts: tuple[int, ...], result: FitResult, noise: float
-) -> tuple[SuggestedTolerance, ...]:
-    """The loosest, the middle and the tightest, each with its reason."""
-    last = len(tolerances) - 1
-    chosen = {"coarse": 0, "medium": last // 2, "fine": last}
+def _suggested(result: FitResult, tolerances: list[float], noise: float) -> tuple[SuggestedTolerance, ...]:
+    """The loosest, the middle and the tightest that are worth their control points, each with its reason."""
+    table = list(_worthwhile(result, tolerances).items())
+    chosen = {"coarse": table[0], "medium": table[(len(table) - 1) // 2], "fine": table[-1]}
     sense = {
-        "coarse": "the form and the largest features",
-        "medium": "most of the texture, at a fraction of the size",
-        "fine": _why_no_finer(tolerances[last], result, noise),
+        "coarse": "the smallest model",
+        "medium": "a compromise",
+        "fine": _why_no_finer(table[-1][1], result, noise),
     }
     return tuple(
-        SuggestedTolerance(
-            name, tolerances[k], counts[k], f"{100 * tolerances[k] / result.range:.2g} % of the range: {sense[name]}"
-        )
-        for name, k in chosen.items()
+        SuggestedTolerance(name, tolerance, count, f"{_percent(tolerance / result.range)} of the range: {sense[name]}")
+        for name, (count, tolerance) in chosen.items()
     )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
 
 
 def _why_no_finer(tolerance: float, result: FitResult, noise: float) -> str:

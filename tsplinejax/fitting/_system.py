@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..space import ElementTables, SplineSpace, pad, product_weights
+from ..space import ElementTables, SplineSpace, pad, to_device, product_weights
 from ._energy import element_energy
 from ._moments import Moments
 
@@ -25,7 +25,9 @@ def empty_system(space: SplineSpace, dimension: int) -> System:
     """The system of no samples."""
     capacity, k = space.tables.functions.shape
     return System(
-        space.tables.functions, jnp.zeros((capacity, k, k), space.dtype), jnp.zeros((capacity, k, dimension), space.dtype)
+        space.tables.functions,
+        jnp.zeros((capacity, k, k), space.dtype),
+        jnp.zeros((capacity, k, dimension), space.dtype),
     )
 
 
@@ -61,10 +63,10 @@ def assemble(
     """
     chunk = max(64, len(space.tables.corner) // 32)
     store = (system.matrices, system.loads)
-    weight = jnp.asarray(smoothing, space.dtype)
+    weight = to_device(smoothing, space.dtype)
     for first in range(0, len(elements), chunk):
         chosen = pad(elements[first : first + chunk].astype(np.int32), chunk, -1)
-        store = _assemble_chunk(store, space.tables, moments, weight, extent, jnp.asarray(chosen))
+        store = _assemble_chunk(store, space.tables, moments, weight, extent, to_device(chosen))
     return System(system.functions, *store)
 
 
@@ -89,9 +91,7 @@ def element_matrices(
 def inherit_system(system: System, functions: Array, source: Int[Array, " capacity"]) -> System:
     """The system in a new numbering: each element's old matrix and load, or zeros where `source` is negative."""
     known, source = (source >= 0)[:, None, None], jnp.maximum(source, 0)
-    return System(
-        functions, jnp.where(known, system.matrices[source], 0), jnp.where(known, system.loads[source], 0)
-    )
+    return System(functions, jnp.where(known, system.matrices[source], 0), jnp.where(known, system.loads[source], 0))
 
 
 @jax.jit

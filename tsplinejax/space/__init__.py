@@ -26,4 +26,5 @@ from ._space import (
     pad as pad,
     resolve_dtype as resolve_dtype,
     spline_space as spline_space,
+    to_device as to_device,
 )

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -55,7 +55,7 @@ class Blocks:
         for first in range(0, len(self.start), length):
             rows = [part[first : first + length] for part in (self.start, self.count, self.element)]
             padded = [np.concatenate([row, np.zeros(length - len(row), np.int32)]) for row in rows]
-            yield Tile(*(jnp.asarray(row) for row in padded))
+            yield Tile(*jax.device_put(padded))
 
 
 def sort_samples(tmesh: TMesh, parameters: Float[np.ndarray, "m 2"]) -> Order:

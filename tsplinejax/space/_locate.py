@@ -76,7 +76,7 @@ def make_locator(tmesh: TMesh, elements: BezierElements, capacity: int, dtype: n
     """The locator of a T-mesh's Bézier elements."""
     if tmesh.forest is None:
         assert tmesh.lines is not None
-        s, t = (jnp.asarray(knots, dtype) for knots in tmesh.lines)
+        s, t = (jax.device_put(np.asarray(knots, dtype)) for knots in tmesh.lines)
         return TableLocator((s, t))
     forest = tmesh.forest
     assert elements.codes is not None
@@ -91,8 +91,6 @@ def make_locator(tmesh: TMesh, elements: BezierElements, capacity: int, dtype: n
     codes = np.full(capacity, size - 1, np.uint32)
     codes[: len(elements)] = elements.codes & (size - 1)
     return ForestLocator(
-        jnp.asarray(ranges),
-        jnp.asarray(codes),
-        jnp.asarray(forest.lattice, jnp.int32),
+        *jax.device_put((ranges, codes, np.asarray(forest.lattice, np.int32))),
         forest.first_cut == "s",
     )

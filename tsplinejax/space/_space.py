@@ -57,7 +57,7 @@ class Topology(eqx.Module):
 
 
 class ElementTables(eqx.Module):
-    """What kernels over Bézier elements need: their shapes depend on the capacity alone, so nothing else recompiles them.
+    """What kernels over Bézier elements need: shapes depend on the capacity alone, so nothing else recompiles them.
 
     **Attributes:**
 
@@ -145,7 +145,7 @@ def spline_space(
     functions = pad(elements.functions, capacity, -1)
     boxes = pad(elements.boxes.astype(np.int32), capacity, np.array([-1, -1, 0, 0], np.int32))
     along_s, along_t = _extract(
-        jnp.asarray(functions),
+        to_device(functions),
         _knot_arrays(tmesh, tmesh.local_knots, capacity, dtype),
         _box_arrays(tmesh, boxes, dtype),
         dtype,
@@ -154,9 +154,7 @@ def spline_space(
     if rational is None:
         sums = np.asarray(jnp.einsum("eka,ekb->eab", along_s, along_t))[: len(elements)]
         rational = bool(np.abs(sums - 1).max() > 1e3 * np.finfo(dtype).eps)
-    tables = ElementTables(
-        jnp.asarray(np.maximum(functions, 0)), along_s, along_t, jnp.asarray(corner), jnp.asarray(size)
-    )
+    tables = ElementTables(to_device(np.maximum(functions, 0)), along_s, along_t, to_device(corner), to_device(size))
     return SplineSpace(
         tables,
         make_locator(tmesh, elements, capacity, dtype),
@@ -183,6 +181,11 @@ def resolve_dtype(dtype: DTypeLike | None) -> np.dtype:
     return resolved
 
 
+def to_device(array: object, dtype: DTypeLike = None) -> Array:
+    """Host numbers on the device; a plain transfer, where `jnp.asarray` would compile a copy for every new shape."""
+    return jax.device_put(np.asarray(array, dtype))
+
+
 def pad(array: np.ndarray, length: int, value: object) -> np.ndarray:
     """The array with rows of a constant appended up to a length."""
     padded = np.empty((length, *array.shape[1:]), array.dtype)
@@ -196,19 +199,19 @@ def _knot_arrays(tmesh: TMesh, local_knots: np.ndarray, capacity: int, dtype: np
     knots = local_knots
     if tmesh.lines is not None:
         values = np.stack([tmesh.parameters(axis, knots[:, axis]) for axis in range(2)], axis=1)
-        return jnp.asarray(pad(values.astype(dtype), capacity, 0))
+        return to_device(pad(values.astype(dtype), capacity, 0))
     if tmesh.border == "clamped":
         knots = np.clip(knots, 0, np.array(tmesh.extent)[:, None])
-    return jnp.asarray(pad(knots.astype(np.int32), capacity, 0))
+    return to_device(pad(knots.astype(np.int32), capacity, 0))
 
 
 def _box_arrays(tmesh: TMesh, boxes: np.ndarray, dtype: np.dtype) -> Array:
     """Element boxes in the coordinates of the knots."""
     if tmesh.lines is None:
-        return jnp.asarray(boxes)
+        return to_device(boxes)
     values = np.stack([tmesh.parameters(k % 2, boxes[:, k]) for k in range(4)], axis=1).astype(dtype)
     values[:, 2:] = np.maximum(values[:, 2:], values[:, :2] + np.finfo(dtype).tiny)
-    return jnp.asarray(values)
+    return to_device(values)
 
 
 @partial(jax.jit, static_argnums=3)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from .._errors import InputError
 from ..mesh import TMesh
-from ..space import BezierElements, bezier_elements, blossom_weights, pad, spline_space
+from ..space import BezierElements, bezier_elements, blossom_weights, pad, spline_space, to_device
 from ._tspline import TSpline, bezier_points
 
 
@@ -63,7 +63,7 @@ def beside_anchors(
     inside = (knots - box[:, :2, None]) / (box[:, 2:] - box[:, :2])[:, :, None]
     if capacity is not None:
         element, inside = pad(element, capacity, 0), pad(inside, capacity, 0)
-    return jnp.asarray(element, jnp.int32), jnp.asarray(inside)
+    return to_device(element, np.int32), to_device(inside)
 
 
 @jax.jit
@@ -79,7 +79,11 @@ def _require_refinement(old: TMesh, new: TMesh) -> None:
     """Raise unless every new element lies in an old one of the same lattice."""
     assert old.forest is not None
     assert new.forest is not None
-    same = old.forest.lattice == new.forest.lattice and old.forest.first_cut == new.forest.first_cut
+    same = (old.forest.lattice, old.forest.first_cut, old.border) == (
+        new.forest.lattice,
+        new.forest.first_cut,
+        new.border,
+    )
     if same:
         holder = old.boxes[old.locate(new.boxes[:, 0], new.boxes[:, 1])]
         same = bool((new.boxes[:, 2:] <= holder[:, 2:]).all())
