@@ -1,6 +1,6 @@
 """Does the objective ever rise? 200 random surfaces, global and local solver, and the paper's dyadic baseline beside them.
 
-Fixed λ, unit weights, tolerance 2 % of the range. Reported per method: in how many fits, and in how many steps, the
+Fixed λ, unit weights, tolerance 5 % of the range. Reported per method: in how many fits, and in how many steps, the
 objective Σ w r² + λ E and the maximum error rose, the largest relative rise of the objective, and control points over
 the surfaces on which every method met the tolerance.
 """
@@ -27,7 +27,7 @@ def main(surfaces: int = 200) -> None:
     fits = {name: [] for name in METHODS}
     for seed in range(surfaces):
         for name, options in METHODS.items():
-            result = tsj.fit(random_surface(seed), relative_tolerance=0.02, **options)
+            result = tsj.fit(random_surface(seed), relative_tolerance=0.05, **options)
             fits[name].append(result)
         if seed % 20 == 19:
             print(f"{seed + 1} surfaces", file=sys.stderr)

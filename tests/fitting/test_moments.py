@@ -1,5 +1,7 @@
 """Moments add up: over any chunking of the samples, any tiling of the blocks, and any numbering of the elements."""
 
+from itertools import pairwise
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -43,7 +45,7 @@ def test_any_chunking_adds_up(cuts):
     blocks, space = CASE.mesh.blocks, CASE.mesh.space
     ends = [0, *sorted(cut % len(blocks.start) for cut in cuts), len(blocks.start)]
     moments = empty_moments(space, 1)
-    for first, last in zip(ends, ends[1:], strict=False):
+    for first, last in pairwise(ends):
         chunk = Blocks(blocks.start[first:last], blocks.count[first:last], blocks.element[first:last])
         moments = add_samples(moments, space, CASE.samples, chunk, TILE)
     close(moments, CASE.moments())
