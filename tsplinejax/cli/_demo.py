@@ -14,11 +14,12 @@ from .._errors import InputError, require
 from ..codec import load, save
 from ..data import HeightMap
 from ..fitting import FitResult, fit
+from ..io import write
 from ..io._files import sha256_of
 from ..plot import plot_overview
 from ._arguments import add_command
 from ._files import checked_picture, write_picture
-from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity
+from ._outcome import Outcome, described, quantity
 from ._places import at_places
 
 _METRES_A_DEGREE = 111_200.0
@@ -56,8 +57,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "examples": rows,
         "warnings": [f"{row['name']}: {warning}" for row in rows for warning in row["warnings"]],
     }
-    code = MET if all(row["converged"] for row in rows) else STOPPED_EARLIER
-    return Outcome(report, _lines(rows, folder), code)
+    return Outcome(report, _lines(rows, folder))
 
 
 def _row(example: Example, folder: Path) -> dict[str, Any]:
@@ -68,6 +68,7 @@ def _row(example: Example, folder: Path) -> dict[str, Any]:
     result = fit(data, progress=sys.stderr.isatty(), **example.options)
     write_picture(picture, lambda: plot_overview(result))
     model = save(folder / f"{example.name}.tspl", result)
+    source = write(folder / f"{example.name}.npz", data)
     return {
         "name": example.name,
         "title": example.title,
@@ -81,6 +82,7 @@ def _row(example: Example, folder: Path) -> dict[str, Any]:
         "converged": result.converged,
         "stop": str(result.stop),
         "seconds": result.seconds,
+        "data": str(source),
         "model": str(model),
         "picture": str(picture),
         "warnings": list(result.warnings),
@@ -114,8 +116,13 @@ def _lines(rows: list[dict[str, Any]], folder: Path) -> tuple[str, ...]:
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in [heads, *cells]
     ]
-    written = [f"{Path(row['picture']).name} and {Path(row['model']).name}" for row in rows]
-    return (*lines, f"written to {folder}: {', '.join(written)}")
+    names = ", ".join(f"{row['name']}.png .tspl .npz" for row in rows)
+    first = folder / rows[0]["name"]
+    return (
+        *lines,
+        f"pictures, models and data are in {folder}: {names}",
+        f"go on with: tsplinejax info {first}.npz; tsplinejax evaluate {first}.tspl --shape 700x800 -o fine.npy",
+    )
 
 
 def _fault() -> HeightMap:
@@ -142,5 +149,5 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 EXAMPLES = (
     Example("jacksboro-fault", "Jacksboro fault, elevation", _fault, {"relative_tolerance": 0.05}),
-    Example("motorcycle", "Motorcycle, stereo disparity", _motorcycle, {"relative_tolerance": 0.2, "robust": True}),
+    Example("motorcycle", "Motorcycle, stereo disparity", _motorcycle, {"relative_tolerance": 0.4, "robust": True}),
 )

@@ -14,7 +14,7 @@ _OFF = {"off", "no", "0", "false", ""}
 def prepare_jax() -> None:
     """Switch x64 mode on, and keep compiled kernels in the user's cache folder unless told otherwise."""
     jax.config.update("jax_enable_x64", True)
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
+    if getattr(jax.config, "jax_compilation_cache_dir", None):
         return
     folder = cache_folder()
     if folder is not None and _usable(folder):

@@ -112,7 +112,7 @@ def _study(data: HeightMap | PointCloud, max_seconds: float, report: dict[str, A
     """Try out tolerances; what prevents it is a warning, since the rest is worth telling."""
     report["warnings"] += _data_warnings(report)
     report |= {"suggested_tolerances": [], "tolerances": []}
-    if max_seconds <= 0:
+    if max_seconds <= 0 or report["tilt"] is None:
         return None
     try:
         study = tolerance_study(data, max_seconds=max_seconds)
@@ -149,8 +149,10 @@ def _data_lines(report: dict[str, Any]) -> tuple[str, ...]:
     rows += [
         ("unit", unit or "unknown (state it with --unit)"),
         ("valid", percentage(report["share_valid"])),
-        ("range", f"{quantity(report['range'], unit)}; 99.8 % within {quantity(report['robust_span'], unit)}"),
     ]
+    if report["range"] is not None:
+        span = quantity(report["robust_span"], unit)
+        rows.append(("range", f"{quantity(report['range'], unit)}; 99.8 % of the samples within {span}"))
     if report["tilt"] is not None:
         tilt = report["tilt"]
         explained = percentage(tilt["share_of_variance"])

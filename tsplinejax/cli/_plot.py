@@ -10,7 +10,7 @@ from .._errors import InputError
 from ..codec import load, load_header
 from ..data import HeightMap, PointCloud, Samples
 from ..plot import plot_error, plot_height_map, plot_mesh, plot_overview, plot_surface_3d
-from ..plot._style import new_figure, print_style
+from ..plot._style import is_wide, new_figure, print_style
 from ..surface import TSpline
 from ._arguments import add_command, add_data_options, data_options
 from ._files import checked_picture, is_model, read_data, write_picture
@@ -110,12 +110,17 @@ def compare(surface: TSpline, data: HeightMap | PointCloud, tolerance: float | N
 
 def draw_comparison(compared: Comparison) -> "Figure":
     """T-mesh over the data, error map, and the surface in space."""
-    width, height = compared.surface.frame.extent
+    maps_height, view_height = _map_row(compared.surface.frame.extent), 3.4
     with print_style():
-        figure = new_figure(8.6, min(max(2.9 * height / width, 0.5), 3.6) + 3.9)
-        parts: Any = figure.subfigures(2, 1, height_ratios=[min(max(2.9 * height / width, 0.5), 3.6) + 0.7, 3.2])
-        maps, view = parts
-        plot_mesh(compared, maps.add_subplot(1, 2, 1))
-        plot_error(compared, maps.add_subplot(1, 2, 2))
-        plot_surface_3d(compared.surface, view.add_subplot(projection="3d"))
+        figure = new_figure(8.6, maps_height + view_height)
+        parts: Any = figure.subfigures(2, 1, height_ratios=[maps_height, view_height])
+        plot_mesh(compared, parts[0].add_subplot(1, 2, 1))
+        plot_error(compared, parts[0].add_subplot(1, 2, 2))
+        plot_surface_3d(compared.surface, parts[1].add_subplot(projection="3d"))
     return figure
+
+
+def _map_row(extent: tuple[float, float]) -> float:
+    """Inches for two maps side by side with labels, whose colour bars stand beside them, or on top of wide ones."""
+    width, room = (3.5, 1.5) if is_wide(extent) else (2.9, 0.7)
+    return min(max(width * extent[1] / extent[0], 0.3), 3.6) + room

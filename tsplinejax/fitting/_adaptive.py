@@ -27,7 +27,9 @@ from ._solve import LocalSolver, conjugate_gradients
 from ._system import System, assemble, empty_system, inherit_system, restrict
 
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
-TIGHT, ACCEPTABLE = 1e-10, 1e-6  # relative gradients: where a long solve stops, and where it needs help
+SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
+# Relative gradients: where the start's and a later long solve stop, and above which it needs help.
+TIGHT, ENOUGH, ACCEPTABLE = 1e-13, 1e-8, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +78,13 @@ def begin(problem: Problem) -> State:
     moments = add_samples(moments, mesh.space, problem.samples, mesh.blocks, problem.tile_length)
     system = _update(problem, mesh, moments, empty_system(mesh.space, d), np.arange(len(mesh.elements)))
     zeros = to_device(np.zeros((mesh.capacity, d)), problem.dtype)
-    coefficients = _solve_long(problem, mesh, system, zeros)
+    coefficients = _solve_long(problem, mesh, system, zeros, TIGHT)
     return _measure(problem, mesh, moments, system, coefficients, np.inf, True, (), started)
 
 
 def advance(problem: Problem, state: State) -> State:
-    """One step: a refinement and a solve, or, once the criterion seems met, the long solve that confirms it."""
+    """One step: mark, refine, transfer, and solve for as much as the solver wants."""
     started = time.perf_counter()
-    if state.worst <= 1:
-        return polish(problem, state)
     refinement, stage = _refine(problem, state)
     if refinement is None:
         return replace(state, exhausted=True)
@@ -119,7 +119,7 @@ def advance(problem: Problem, state: State) -> State:
 def polish(problem: Problem, state: State) -> State:
     """The same mesh after a long solve for all control points."""
     started = time.perf_counter()
-    coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients)
+    coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients, ENOUGH)
     return _measure(
         problem, state.mesh, state.moments, state.system, coefficients, state.stage, True, state.history, started, state
     )
@@ -134,10 +134,10 @@ def remeasure(problem: Problem, state: State) -> State:
 
 
 def terminate(problem: Problem, state: State) -> StopReason | None:
-    """Why the loop should stop, or `None`; that the criterion is met counts once a long solve has confirmed it."""
+    """Why the loop should stop, or `None`."""
     budget, last = problem.budget, state.history[-1]
     if state.worst <= 1:
-        return problem.criterion.met if state.polished else None
+        return problem.criterion.met
     if budget.max_steps is not None and last.step >= budget.max_steps:
         return StopReason.MAX_STEPS
     if budget.max_seconds is not None and time.perf_counter() - state.started >= budget.max_seconds:
@@ -150,13 +150,19 @@ def terminate(problem: Problem, state: State) -> StopReason | None:
 
 
 def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
-    """Elements that hold samples of at least two places and are above the deepest level."""
-    codes = problem.order.codes
+    """Elements that hold samples of several places, or of one and are not yet small beside the samples' mean distance.
+
+    A single sample is still worth a few cuts: the functions around it need narrower supports to follow it alone.
+    """
+    codes, tmesh = problem.order.codes, state.mesh.tmesh
     first = state.mesh.ranges[state.mesh.owner_starts]
     last = np.append(first[1:], len(codes)) - 1
     several = last > first
     several[several] = codes[first[several]] != codes[last[several]]
-    return several & (state.mesh.tmesh.levels < MAX_LEVEL)
+    assert tmesh.forest is not None
+    areas = 0.5**tmesh.levels / np.prod(tmesh.forest.lattice)
+    single = (last == first) & (areas * problem.n_samples > SMALLEST)
+    return (several | single) & (tmesh.levels < MAX_LEVEL)
 
 
 def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"], float]:
@@ -235,10 +241,10 @@ def _solve_step(
     return solution.coefficients
 
 
-def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: Array) -> Array:
+def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: Array, tolerance: float) -> Array:
     """Solve for all control points to the end; a sparse factorisation helps where iterations do not get there."""
     free = _device_mask(mesh, np.ones(mesh.tmesh.n_anchors, bool))
-    tight = TIGHT if problem.dtype == np.float64 else 1e-6
+    tight = max(tolerance, 10 * float(np.finfo(problem.dtype).eps))
     solution = conjugate_gradients(
         system, start, free, to_device(LONG_SOLVE, np.int32), to_device(tight, problem.dtype)
     )

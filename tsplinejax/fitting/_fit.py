@@ -13,13 +13,12 @@ from .._version import __version__
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction
 from ..space import resolve_dtype
 from ..surface import make_surface
-from ._adaptive import State
 from ._criteria import AbstractCriterion, ToleranceCriterion, noise_criterion
 from ._energy import default_smoothing
 from ._options import Length, Request, read_request
 from ._problem import Budget, Problem, pose, start_lattice
 from ._result import FitResult, StopReason
-from ._run import run, run_best_lattice
+from ._run import Run, run, run_best_lattice
 from ._smoothing import smooth_automatically
 from ._solve import AbstractSolver, GlobalSolver
 
@@ -95,11 +94,11 @@ def fit(
     refinement = refinement or AnalysisSuitable()
     problem = prepare(request, refinement, solver or GlobalSolver(), budget, smoothing, dtype, first_cut, lattice)
     if lattice == "auto":
-        problem, state, stop = run_best_lattice(problem, progress=progress)
+        problem, outcome = run_best_lattice(problem, progress=progress)
     else:
-        state, stop = run(problem, progress=progress)
-    if isinstance(smoothing, str) and request.tolerance is None and stop is StopReason.NOISE:
-        problem, state = smooth_automatically(problem, state)
+        outcome = run(problem, progress=progress)
+    if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE:
+        problem, outcome = smooth_automatically(problem, outcome)
     options = {
         "tolerance": request.tolerance,
         "noise": None if request.noise is None else request.noise.sigma,
@@ -112,8 +111,8 @@ def fit(
         "dtype": str(problem.dtype),
     }
     source = getattr(data, "provenance", None) or {}
-    provenance = {"software": f"tsplinejax {__version__}", "input": dict(source), "options": options, "stop": str(stop)}
-    return _result(problem, request, state, stop, time.perf_counter() - started, provenance)
+    provenance = {"software": f"tsplinejax {__version__}", "input": dict(source), "options": options, "stop": str(outcome.stop)}
+    return _result(problem, request, outcome, time.perf_counter() - started, provenance)
 
 
 def prepare(
@@ -170,16 +169,16 @@ def _checked_budget(max_steps: int | None, max_control_points: int | None, max_s
 
 
 def _result(
-    problem: Problem, request: Request, state: State, stop: StopReason, seconds: float, provenance: dict[str, Any]
+    problem: Problem, request: Request, outcome: Run, seconds: float, provenance: dict[str, Any]
 ) -> FitResult:
     """The frozen result, in the data's unit and order."""
-    scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
+    state, stop = outcome.best, outcome.stop
+    scaling, n, entry = problem.scaling, state.mesh.tmesh.n_anchors, state.history[-1]
     points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
     samples = request.samples
     surface = make_surface(state.mesh.space, points if samples.dimension > 1 else points[:, 0], samples.frame)
     residuals = np.empty_like(samples.values, dtype=np.float64)
     residuals[problem.order.permutation] = state.residuals.values() * scaling.factor
-    entry = next(step for step in reversed(state.history) if step.control_points == n)
     warnings = list(request.warnings)
     if stop not in (StopReason.TOLERANCE, StopReason.NOISE):
         worst = int(np.argmax(np.where(request.outliers, -1.0, np.linalg.norm(residuals, axis=1))))
@@ -207,7 +206,7 @@ def _result(
         control_points=n,
         elements=state.mesh.tmesh.n_elements,
         seconds=seconds,
-        history=state.history,
+        history=outcome.history,
         warnings=tuple(warnings),
         provenance=provenance,
     )

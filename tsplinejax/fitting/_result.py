@@ -32,7 +32,7 @@ class StopReason(StrEnum):
 _MESSAGES = {
     StopReason.TOLERANCE: "every sample is within the tolerance",
     StopReason.NOISE: "no element's residuals are significantly above the noise",
-    StopReason.FINEST: "no violating element can be split: each holds samples of a single place; "
+    StopReason.FINEST: "no violating element can be split: each holds a single place and is smaller than the samples' distance; "
     "set outliers aside with robust=True, or relax the tolerance",
     StopReason.MAX_STEPS: "the step budget is used up; raise max_steps",
     StopReason.MAX_CONTROL_POINTS: "the control-point budget is used up; raise max_control_points, relax the tolerance, "

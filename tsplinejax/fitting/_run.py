@@ -7,38 +7,69 @@ points; which one cannot be told without trying.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..mesh import Direction
 from ._adaptive import State, advance, begin, polish, terminate
 from ._problem import Problem, restart, scaled_lattice
-from ._result import StopReason
+from ._result import Step, StopReason
 
 # Elements along the shorter side, one for each part of an octave; eight is also the default lattice's.
 TRIALS = (8, 5, 11, 6, 7)
 
 
-def run(problem: Problem, *, progress: bool = False) -> tuple[State, StopReason]:
-    """Advance until a reason to stop; the best state by the user's criterion."""
+@dataclass(frozen=True, eq=False)
+class Run:
+    """How a run ended.
+
+    **Attributes:**
+
+    - `best`: the best state by the user's criterion; its own last history entry describes it.
+    - `history`: all steps.
+    - `stop`: why it ended.
+    """
+
+    best: State
+    history: tuple[Step, ...]
+    stop: StopReason
+
+    @property
+    def converged(self) -> bool:
+        """Whether the criterion was met."""
+        return self.best.worst <= 1
+
+
+def run(problem: Problem, *, progress: bool = False) -> Run:
+    """Advance until there is a reason to stop.
+
+    Steps solve loosely. Before the loop gives up for want of elements to split, and at the end, a long solve has its
+    chance; a long solve that no longer meets the criterion (least squares does not minimise the largest error) is not kept.
+    """
     best = state = begin(problem)
-    stop = terminate(problem, state)
     try:
         with _progress_bar(progress) as report:
-            while stop is None:
+            while True:
                 report(state)
-                state = advance(problem, state)
-                best = state if state.worst <= best.worst else replace(best, history=state.history)
                 stop = terminate(problem, state)
-            if state.worst > 1 and not state.polished and stop is not StopReason.MAX_SECONDS:
-                state = polish(problem, state)
-                best = state if state.worst <= best.worst else replace(best, history=state.history)
-                if state.worst <= 1:
-                    stop = problem.criterion.met
+                if stop is StopReason.FINEST and not state.polished:
+                    state = polish(problem, state)
+                elif stop is None:
+                    state = advance(problem, state)
+                else:
+                    break
+                best = state if state.worst <= best.worst else best
+        if state.worst <= 1:
+            best = state
+        if not state.polished and stop is not StopReason.MAX_SECONDS:
+            polished = polish(problem, state)
+            if polished.worst <= max(1.0, best.worst):
+                best = state = polished
+                stop = problem.criterion.met if polished.worst <= 1 else stop
     except KeyboardInterrupt:
         stop = StopReason.INTERRUPTED
-    return best, stop
+    return Run(best, state.history, stop)
 
 
 @contextmanager
@@ -62,12 +93,12 @@ def _progress_bar(shown: bool) -> Iterator[Callable[[State], None]]:
         yield report
 
 
-def run_best_lattice(problem: Problem, *, progress: bool = False) -> tuple[Problem, State, StopReason]:
+def run_best_lattice(problem: Problem, *, progress: bool = False) -> tuple[Problem, Run]:
     """The run over the start lattice, and with the first cut, that needs the fewest control points.
 
     A trial is given up once it has more control points than the best one so far.
     """
-    best: tuple[Problem, State, StopReason] | None = None
+    best: tuple[Problem, Run] | None = None
     for elements in TRIALS:
         lattice = scaled_lattice(problem.data.frame, elements)
         best = _better(best, restart(problem, lattice, "s"), progress)
@@ -77,21 +108,19 @@ def run_best_lattice(problem: Problem, *, progress: bool = False) -> tuple[Probl
     return _better(best, restart(problem, forest.lattice, "t"), progress)
 
 
-def _better(
-    best: tuple[Problem, State, StopReason] | None, trial: Problem, progress: bool
-) -> tuple[Problem, State, StopReason]:
+def _better(best: tuple[Problem, Run] | None, trial: Problem, progress: bool) -> tuple[Problem, Run]:
     """The better of the best run so far and one more trial."""
+    if best is None:
+        return trial, run(trial, progress=progress)
     allowed = trial
-    if best is not None and best[1].worst <= 1:
-        fewest = best[1].history[-1].control_points - 1
+    if best[1].converged:
+        fewest = best[1].best.mesh.tmesh.n_anchors - 1
         if trial.start.n_anchors > fewest:
             return best
         limit = trial.budget.max_control_points
         budget = replace(trial.budget, max_control_points=fewest if limit is None else min(limit, fewest))
         allowed = replace(trial, budget=budget)
-    state, stop = run(allowed, progress=progress)
-    if best is None or state.worst < min(best[1].worst, 1.0) or (state.worst <= 1 < best[1].worst):
-        return trial, state, stop
-    met = state.worst <= 1 and best[1].worst <= 1
-    fewer = state.history[-1].control_points < best[1].history[-1].control_points
-    return (trial, state, stop) if met and fewer else best
+    outcome = run(allowed, progress=progress)
+    if best[1].converged:
+        return (trial, outcome) if outcome.converged else best
+    return (trial, outcome) if outcome.best.worst < best[1].best.worst else best

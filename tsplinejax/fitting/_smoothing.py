@@ -17,6 +17,7 @@ from ._energy import bending_energy
 from ._moments import Moments, add_samples, empty_moments
 from ._problem import Problem
 from ._residuals import homogeneous_points
+from ._run import Run
 from ._solve import conjugate_gradients
 from ._system import assemble, empty_system
 
@@ -25,8 +26,9 @@ ITERATIONS = 300
 DECADES = 14
 
 
-def smooth_automatically(problem: Problem, state: State) -> tuple[Problem, State]:
-    """The fit with the weight λ of least GCV on the state's mesh, from the problem's own λ upwards."""
+def smooth_automatically(problem: Problem, outcome: Run) -> tuple[Problem, Run]:
+    """The fit with the weight λ of least GCV on the run's last mesh, from the problem's own λ upwards."""
+    state = outcome.best
     trial = _Trial(problem, state, _probed_moments(problem, state), _square_sum(problem))
     exponents = np.arange(DECADES)
     scores: dict[float, float] = {}
@@ -38,7 +40,8 @@ def smooth_automatically(problem: Problem, state: State) -> tuple[Problem, State
     for exponent in (best - 0.5, best + 0.5):
         scores[exponent] = trial.score(problem.smoothing * 10.0**exponent)
     smoothed = replace(problem, smoothing=problem.smoothing * 10.0 ** min(scores, key=scores.__getitem__))
-    return smoothed, remeasure(smoothed, state)
+    smooth = remeasure(smoothed, state)
+    return smoothed, replace(outcome, best=smooth, history=smooth.history)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,75 @@
+"""Measured surfaces: to 10 % of the range, robustly to 5 % of the inliers' range, and to the noise.
+
+Reads every map in `../shared/data` where that folder exists (its files are not part of this repository), and always the
+elevation model that ships with matplotlib.
+"""
+
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+from reporting import keep
+
+jax.config.update("jax_enable_x64", True)
+
+import tsplinejax as tsj  # noqa: E402
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+MAPS = ("mnt-2.mnt", "frt-1.frt", "tmd-1.tmd", "x3p-2.x3p", "sur-2.sur", "opd-1.opd", "SainteHelens.dem")
+
+
+def main(*only: str) -> None:
+    rows = []
+    for name, data in surfaces():
+        if only and name not in only:
+            continue
+        for label, options in (
+            ("10 %", {"relative_tolerance": 0.1}),
+            ("robust 5 %", {"relative_tolerance": 0.05, "robust": True}),
+            ("noise", {"noise": "auto", "robust": True}),
+        ):
+            rows.append(row(name, label, tsj.fit(data, **options)))
+            print(rows[-1], file=sys.stderr)
+    keep("real" if not only else "real_part", rows)
+
+
+def surfaces():
+    from matplotlib.cbook import get_sample_data
+
+    dem = get_sample_data("jacksboro_fault_dem.npz")
+    yield "jacksboro", tsj.HeightMap(dem["elevation"].astype(float), (1.0, 1.0))
+    for name in MAPS:
+        if (SHARED / name).exists():
+            yield name, tsj.read(SHARED / name)
+
+
+def row(name: str, label: str, result: tsj.FitResult) -> dict:
+    samples = len(result.samples)
+    return {
+        "map": name,
+        "fit": label,
+        "samples": samples,
+        "control points": result.control_points,
+        "points % of samples": 100 * result.control_points / samples,
+        "outliers %": 100 * float(result.outliers.mean()),
+        "max error %": 100 * result.max_error / result.range,
+        "rms error %": 100 * result.rms_error / result.range,
+        "neighbour correlation": neighbour_correlation(result),
+        "stop": str(result.stop),
+        "warnings": len(result.warnings),
+        "seconds": result.seconds,
+    }
+
+
+def neighbour_correlation(result: tsj.FitResult) -> float:
+    """Correlation of the residuals at horizontal and vertical neighbours, outliers left out."""
+    residuals = np.where(result.outliers, np.nan, result.residuals)
+    grid = result.samples.scatter(residuals)
+    pairs = [(grid[:, 1:], grid[:, :-1]), (grid[1:], grid[:-1])]
+    products = np.concatenate([(a * b).ravel() for a, b in pairs])
+    return float(np.nanmean(products) / np.nanmean(grid**2))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
