@@ -58,11 +58,11 @@ def tolerance_study() -> Figure:
 
 def noise() -> Figure:
     """Scattered, noisy points, and the surface of a fit that stops at the noise."""
-    cloud = scattered_peaks(20_000, sigma=0.5)
+    cloud = scattered_peaks(4000, sigma=0.5)
     result = tsj.fit(cloud, noise=0.5)
     figure, axes = plt.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
     x, y, z = cloud.points.T
-    points = axes[0].scatter(x, y, c=z, s=0.8, linewidths=0, rasterized=True)
+    points = axes[0].scatter(x, y, c=z, s=2.5, linewidths=0, rasterized=True)
     figure.colorbar(points, ax=axes[0], label="z")
     axes[0].set(xlabel="x", ylabel="y", aspect="equal", xlim=(-3, 3), ylim=(3, -3))
     axes[0].set_title(f"{len(x)} points with noise of standard deviation 0.5")

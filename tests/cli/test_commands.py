@@ -157,16 +157,21 @@ def test_convert_warns_where_something_is_lost(report, height_map):
     assert "spacing and unit" in report("convert", "map.npz", "bare.npy")["warnings"][0]
 
 
-@pytest.mark.parametrize("words", [["map.npz"], ["model.tspl"], ["model.tspl", "--data", "map.npz"], ["cloud.npy"]])
-@pytest.mark.parametrize("suffix", [".png", ".pdf"])
-def test_plot(report, model, cloud, words, suffix, tmp_path):
-    """Data, a model, and a model against data are drawn; equal input gives an equal file."""
-    contents = []
+@pytest.mark.parametrize("words", [["model.tspl"], ["model.tspl", "--data", "map.npz"], ["cloud.npy"]])
+def test_plot(report, model, cloud, words, tmp_path):
+    """A model, a model against data, and a cloud are drawn."""
+    report("plot", *words, "-o", "a.png")
+    content = (tmp_path / "a.png").read_bytes()
+    assert content.startswith(b"\x89PNG")
+    assert len(content) > 5000
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_equal_input_gives_an_equal_picture(report, height_map, suffix, tmp_path):
+    """No picture holds a date or a random name."""
     for name in ("a", "b"):
-        report("plot", *words, "-o", name + suffix)
-        contents.append((tmp_path / (name + suffix)).read_bytes())
-    assert contents[0] == contents[1]
-    assert len(contents[0]) > 5000
+        report("plot", "map.npz", "-o", name + suffix)
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
 def test_plot_against_data_tells_the_error(report, model):

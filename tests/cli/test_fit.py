@@ -9,7 +9,7 @@ import pytest
 
 import tsplinejax as tsj
 from tsplinejax.cli import _fit
-from tsplinejax.fitting import StopReason
+from tsplinejax.fitting import StopReason, _run
 
 KEYS = {
     "control_points",
@@ -142,13 +142,13 @@ def test_interrupting_writes_the_best_model(command, height_map, monkeypatch, tm
     """Ctrl-C ends the fit with the best step so far: the model is written and the exit code is 1."""
     steps = []
 
-    def interrupting(*arguments, _advance=tsj.fitting._fit.advance):
+    def interrupting(*arguments, _advance=_run.advance):
         steps.append(1)
         if len(steps) == 3:
             os.kill(os.getpid(), signal.SIGINT)
         return _advance(*arguments)
 
-    monkeypatch.setattr(tsj.fitting._fit, "advance", interrupting)
+    monkeypatch.setattr(_run, "advance", interrupting)
     code, out, _ = command("fit", "map.npz", "-o", "m.tspl", "--tolerance", "1e-4", "--json")
     assert (code, json.loads(out)["stop"]) == (1, "interrupted")
     assert (tmp_path / "m.tspl").exists()

@@ -147,7 +147,7 @@ def test_precision(dtype):
     assert space.dtype == dtype
     np.testing.assert_allclose(sums(space), 1, atol=2e-6 if dtype == np.float32 else 1e-14)
     assert resolve_dtype(None) == np.float64
-    for bad in ("int32", "complex128", "float16"):
+    for bad in ("int32", "complex128", "float16", "double-double"):
         with pytest.raises(InputError, match="float32 or float64"):
             spline_space(b_lattice(2, 2), dtype=bad)
 

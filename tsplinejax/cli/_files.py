@@ -72,8 +72,9 @@ def checked_picture(path: str, *inputs: str | None) -> Path:
 def write_picture(target: Path, draw: Callable[[], "Figure | Axes"]) -> None:
     """Draw a figure (or axes in one) and write it; the file appears whole or not at all."""
     figure: Any = draw().figure
-    # No date: equal figures give equal files.
+    # Neither date nor random names: equal figures give equal files.
     metadata: dict[str, Any] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(target.suffix.lower(), {})
-    with written_whole(target) as stream:
+    same_names = require("matplotlib", "plot").rc_context({"svg.hashsalt": "tsplinejax"})
+    with same_names, written_whole(target) as stream:
         figure.savefig(stream, format=target.suffix.lower()[1:], metadata=metadata)
     require("matplotlib.pyplot", "plot").close(figure)

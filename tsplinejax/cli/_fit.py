@@ -169,5 +169,5 @@ def _lines(data: HeightMap | PointCloud, result: FitResult, report: dict[str, An
         ("written", ", ".join(name for name in (report["model"], report["plot"]) if name)),
     ]
     if report["outliers"]:
-        rows.insert(4, ("set aside", f"{report['outliers']} of {report['samples']} samples"))
+        rows.insert(3, ("set aside", f"{report['outliers']} of {report['samples']} samples"))
     return table(rows)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import InputError
-from ..codec import load, load_header
-from ..data import HeightMap, PointCloud, Samples
+from ..codec import ModelHeader, load, load_header
+from ..data import HeightMap, PointCloud, Samples, find_outliers
 from ..plot import plot_error, plot_height_map, plot_mesh, plot_overview, plot_surface_3d
 from ..plot._style import is_wide, new_figure, print_style
 from ..surface import TSpline
@@ -75,18 +75,20 @@ def _of_model(arguments: argparse.Namespace, target: Any) -> Outcome:
             raise InputError("options that describe data need --data INPUT when FILE is a model")
         write_picture(target, lambda: plot_overview(surface))
     else:
-        tolerance = load_header(arguments.file).fit.get("tolerance")
-        compared = compare(surface, in_unit_of(surface, read_data(arguments.data, arguments)), tolerance)
+        compared = compare(
+            surface, in_unit_of(surface, read_data(arguments.data, arguments)), load_header(arguments.file)
+        )
         write_picture(target, lambda: draw_comparison(compared))
-        errors = np.linalg.norm(compared.residuals.reshape(len(compared.samples), -1), axis=1)
+        kept = ~compared.outliers
+        errors = np.linalg.norm(compared.residuals.reshape(len(kept), -1)[kept], axis=1)
         report |= {"max_error": float(errors.max()), "rms_error": float(np.sqrt(np.mean(errors**2)))}
         rows.append(("largest error", quantity(report["max_error"], surface.frame.unit)))
         rows.append(("rms error", quantity(report["rms_error"], surface.frame.unit)))
     return Outcome(report, table([*rows, ("written", str(target))]))
 
 
-def compare(surface: TSpline, data: HeightMap | PointCloud, tolerance: float | None) -> Comparison:
-    """The errors of a surface at data: at their places (x, y), in heights or in space."""
+def compare(surface: TSpline, data: HeightMap | PointCloud, header: ModelHeader) -> Comparison:
+    """The errors of a surface at data, at their places (x, y); isolated spikes are set aside where the fit did."""
     samples = (
         data.samples(as_surface=True) if isinstance(data, PointCloud) and not surface.is_height_map else data.samples()
     )
@@ -105,7 +107,9 @@ def compare(surface: TSpline, data: HeightMap | PointCloud, tolerance: float | N
     kept = Samples(
         samples.parameters[inside], samples.values[inside], None, samples.frame, samples.grid_shape, grid_index
     )
-    return Comparison(surface, kept, residuals[inside], np.zeros(int(inside.sum()), bool), tolerance)
+    robust = bool(header.fit.get("outliers"))
+    outliers = find_outliers(kept) if robust else np.zeros(len(kept), bool)
+    return Comparison(surface, kept, residuals[inside], outliers, header.fit.get("tolerance"))
 
 
 def draw_comparison(compared: Comparison) -> "Figure":

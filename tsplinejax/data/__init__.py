@@ -3,7 +3,7 @@
 from ._as_data import as_data as as_data
 from ._frame import Frame as Frame
 from ._height_map import HeightMap as HeightMap
-from ._noise import NoiseEstimate as NoiseEstimate, estimate_noise as estimate_noise
+from ._noise import NoiseEstimate as NoiseEstimate, estimate_noise as estimate_noise, noise_deviation as noise_deviation
 from ._outliers import find_outliers as find_outliers
 from ._point_cloud import PointCloud as PointCloud
 from ._samples import Samples as Samples

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..data import NoiseEstimate, Samples
+from ..data import NoiseEstimate, Samples, noise_deviation
 from ._discretisation import Discretisation
 from ._moments import Moments
 from ._residuals import Residuals
@@ -112,15 +112,16 @@ class NoiseCriterion(AbstractCriterion):
         return np.sqrt(np.maximum(plain, score))
 
 
-FLOOR = 1e-4  # of the range: below it "noise" is round-off and quantisation of the arithmetic
+FLOOR = 1.5e-4  # of the range: below it "noise" is round-off and quantisation of the arithmetic
 
 
 def noise_criterion(
     noise: NoiseEstimate, samples: Samples, factor: float, permutation: np.ndarray
 ) -> NoiseCriterion:
     """The criterion for a noise estimate; `factor` scales fitted values to the data's unit."""
-    sigma = max(noise.sigma / factor, FLOOR)
-    return NoiseCriterion(np.full(len(samples), sigma**2)[permutation])
+    deviation = np.maximum(noise_deviation(noise, samples) / factor, FLOOR)
+    weights = 1.0 if samples.weights is None else samples.weights
+    return NoiseCriterion((weights * deviation**2)[permutation], noise.correlated_samples)
 
 
 def _ratio(

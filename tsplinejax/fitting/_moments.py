@@ -61,10 +61,11 @@ def _tile_moments(local: TileSamples, sums: Array | None) -> Moments:
     if sums is not None:
         total = jnp.einsum("tla,tlb,tab->tl", cubic_s, cubic_t, sums[..., 0])
         weights, values = weights / total**2, values * total[..., None]
-    highest = {"precision": "highest"}
-    mass = jnp.einsum("tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), **highest)
+    mass = jnp.einsum(
+        "tla,tlb->tab", bernstein6(local.u) * weights[..., None], bernstein6(local.v), precision="highest"
+    )
     weighted = values * weights[..., None]
-    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, **highest)
+    load = jnp.einsum("tlad,tlb->tabd", cubic_s[..., None] * weighted[:, :, None], cubic_t, precision="highest")
     return Moments(mass, load)
 
 

@@ -15,7 +15,7 @@ from ._moments import TileSamples, gather_pieces, gather_tile
 
 
 class BlockResiduals(eqx.Module):
-    """Residuals v - f of a tile (blocks, 16, d); per block their largest norm, and sums of squares with and without weights."""
+    """Residuals v - f of a tile (blocks, 16, d); per block their largest norm and their sums of squares."""
 
     residuals: Float[Array, "blocks 16 d"]
     largest: Float[Array, " blocks"]
@@ -55,8 +55,8 @@ class Residuals:
 
     **Attributes:**
 
-    - `largest`, `weighted`, `plain`: per block, the largest norm and the sums of squares with and without weights, of the
-      samples that count (host arrays).
+    - `largest`, `weighted`, `plain`: per block, the largest norm and the sums of squares with and without weights, of
+      the samples that count (host arrays).
     - `tiles`, `counts`: every residual, still on the device, and the number of samples of each block.
     """
 

@@ -145,19 +145,18 @@ def _checked(tolerances: Sequence[Length], unit: str | None) -> list[float]:
 
 
 def _ladder(spread: float, noise: float) -> list[float]:
-    """Round tolerances (1, 2, 5, 10, ...) from a tenth of the range to a thousandth, or to the noise; loosest first."""
+    """Round tolerances (1, 2, 5, 10, ...) from the range to a thousandth of it, or to the noise; loosest first."""
     low = min(max(TIGHTEST * spread, noise), spread / 4)
-    high = max(LOOSEST * spread, 4 * low)
-    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(spread))) + 1)
     rungs = [float(f"{digit}e{decade}") for decade in decades for digit in ROUND_NUMBERS]
-    return [rung for rung in reversed(rungs) if low * (1 - 1e-9) <= rung <= high * (1 + 1e-9)]
+    return [rung for rung in reversed(rungs) if low * (1 - 1e-9) <= rung <= spread]
 
 
 def _study(result: FitResult, rungs: list[float], request: Request, *, extended: bool) -> ToleranceStudy:
     """Read the tolerances off the history."""
     met = [rung for rung in rungs if _first_within(result, rung) is not None]
-    if extended and len(_worthwhile(result, met)) < FEWEST_RUNGS:
-        met = sorted({*met, *_between(result)}, reverse=True)
+    if extended:
+        met = _enough(result, met)
     if not met:
         best = min(step.max_error for step in result.history)
         raise InputError(
@@ -183,7 +182,7 @@ def _unreached(result: FitResult, rungs: list[float], met: list[float]) -> list[
     left = [rung for rung in rungs if rung not in met]
     if not left:
         return []
-    names = ", ".join(f"{rung:.4g}" for rung in left)
+    names = ", ".join(f"{rung:.4g}" for rung in left) + (f" {result.unit}" if result.unit else "")
     reason = f"the trial fit ended first ({result.stop}: {result.stop.message})"
     return [f"not met and left out: the tolerances {names}; {reason}"]
 
@@ -191,6 +190,16 @@ def _unreached(result: FitResult, rungs: list[float], met: list[float]) -> list[
 def _first_within(result: FitResult, tolerance: float) -> Any:
     """The first step whose largest error is within the tolerance, or `None`."""
     return next((step for step in result.history if step.max_error <= tolerance), None)
+
+
+def _enough(result: FitResult, met: list[float]) -> list[float]:
+    """Tolerances of at most a tenth of the range, or looser ones too where these are too few."""
+    first = sum(rung > LOOSEST * result.range for rung in met)
+    while first > 0 and len(_worthwhile(result, met[first:])) < FEWEST_RUNGS:
+        first -= 1
+    if len(_worthwhile(result, met)) < FEWEST_RUNGS:
+        return sorted({*met, *_between(result)}, reverse=True)
+    return met[first:]
 
 
 def _worthwhile(result: FitResult, tolerances: list[float]) -> dict[int, float]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..space import ElementTables, SplineSpace, pad, to_device, product_weights
+from ..space import ElementTables, SplineSpace, pad, product_weights, to_device
 from ._energy import element_energy
 from ._moments import Moments
 

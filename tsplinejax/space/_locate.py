@@ -91,6 +91,8 @@ def make_locator(tmesh: TMesh, elements: BezierElements, capacity: int, dtype: n
     codes = np.full(capacity, size - 1, np.uint32)
     codes[: len(elements)] = elements.codes & (size - 1)
     return ForestLocator(
-        *jax.device_put((ranges, codes, np.asarray(forest.lattice, np.int32))),
+        jax.device_put(ranges),
+        jax.device_put(codes),
+        jax.device_put(np.asarray(forest.lattice, np.int32)),
         forest.first_cut == "s",
     )

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
@@ -170,7 +170,10 @@ def resolve_dtype(dtype: DTypeLike | None) -> np.dtype:
     x64 = jax.config.read("jax_enable_x64")
     if dtype is None:
         return np.dtype(np.float64 if x64 else np.float32)
-    resolved = np.dtype(dtype)
+    try:
+        resolved = np.dtype(dtype)
+    except TypeError as error:
+        raise InputError(f"spline spaces are float32 or float64; received {dtype!r}; pass dtype='float64'") from error
     if resolved not in (np.dtype(np.float32), np.dtype(np.float64)):
         raise InputError(f"spline spaces are float32 or float64; received {resolved}; pass dtype='float64'")
     if resolved == np.float64 and not x64:
@@ -181,7 +184,7 @@ def resolve_dtype(dtype: DTypeLike | None) -> np.dtype:
     return resolved
 
 
-def to_device(array: object, dtype: DTypeLike = None) -> Array:
+def to_device(array: ArrayLike, dtype: DTypeLike | None = None) -> Array:
     """Host numbers on the device; a plain transfer, where `jnp.asarray` would compile a copy for every new shape."""
     return jax.device_put(np.asarray(array, dtype))
 
