@@ -19,7 +19,7 @@ import tsplinejax as tsj  # noqa: E402
 METHODS = {
     "analysis-suitable, global": {"solver": tsj.GlobalSolver()},
     "analysis-suitable, local": {"solver": tsj.LocalSolver()},
-    "dyadic, local, ring 0 (paper)": {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 40},
+    "dyadic, local, ring 0 (paper)": {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 15},
 }
 
 

@@ -1,4 +1,4 @@
-"""The help of every command as a page: `python docs/make_command_line.py` rewrites that part of docs/command-line.md."""
+"""The help of every command on a page: `python docs/make_command_line.py` rewrites that part of command-line.md."""
 
 import io
 import os
@@ -7,7 +7,7 @@ from pathlib import Path
 
 os.environ["COLUMNS"] = "100"
 
-from tsplinejax.cli import main as tsplinejax  # noqa: E402
+from tsplinejax.cli import main as tsplinejax
 
 PAGE = Path(__file__).parent / "command-line.md"
 OPENING = "<!-- help: written by docs/make_command_line.py -->"

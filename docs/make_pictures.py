@@ -1,4 +1,4 @@
-"""The pictures of the documentation, from synthetic surfaces: `python docs/make_pictures.py` writes docs/images/*.png."""
+"""The pictures of the documentation, of synthetic surfaces: `python docs/make_pictures.py` writes docs/images."""
 
 from collections.abc import Callable
 from pathlib import Path

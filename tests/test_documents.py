@@ -1,4 +1,4 @@
-"""The programs and commands in the README and in the documentation run as they stand, and the written pages are current."""
+"""Programs and commands in the README and the documentation run as they stand; pages written by scripts are current."""
 
 import importlib.util
 import re

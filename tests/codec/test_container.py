@@ -163,7 +163,11 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "change", "message"), WRONG, ids=[f"{case[1]}"[:60] for case in WRONG])
+@pytest.mark.parametrize(
+    ("kind", "change", "message"),
+    WRONG,
+    ids=[f"{k}-{next(iter(next(iter(case[1].values()))))}" for k, case in enumerate(WRONG)],
+)
 def test_wrong_contents_are_refused(tmp_path, kind, change, message):
     """Files whose checksums are right but whose contents are not: one line that names the file."""
     path = _edited(tmp_path, kind, **change)

@@ -33,7 +33,7 @@ def test_counts_are_those_of_a_fit(height_map, study):
     """A fit to one of the tolerances alone takes about as many control points."""
     for tolerance, count in list(zip(study.tolerances, study.control_points, strict=True))[::2]:
         alone = tsj.fit(height_map, tolerance=tolerance).control_points
-        assert 0.6 * alone <= count <= 1.6 * alone
+        assert 0.8 * alone <= count <= 1.25 * alone
 
 
 def test_three_are_suggested(study):
@@ -59,7 +59,7 @@ def test_units_do_not_change_the_study(height_map, study):
 
 def test_a_budget_leaves_three_tolerances(height_map):
     """Where the budget ends the fit early there still are three, and a warning says why."""
-    study = tolerance_study(height_map, max_control_points=64)
+    study = tolerance_study(height_map, max_control_points=100)
     assert len(study.suggested) == 3
     assert any("max_control_points" in warning for warning in study.warnings)
     assert "budget" in study.suggested[-1].reason

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from tsplinejax.mesh import DEPTH, Dyadic, b_lattice, refine
 from tsplinejax.space import bezier_elements, spline_space
@@ -13,6 +13,7 @@ from ..random_meshes import hand_given, marks_at_points, meshes, parameters
 located = jax.jit(lambda locator, places: locator(places))
 
 
+@settings(max_examples=40)
 @given(meshes(Dyadic()), parameters())
 def test_forest_locator(tmesh, places):
     """On a dyadic forest: the element whose index box holds the parameter's index cell."""
@@ -26,6 +27,7 @@ def test_forest_locator(tmesh, places):
     np.testing.assert_array_equal(found, host.argmax(axis=1))
 
 
+@settings(max_examples=40)
 @given(hand_given(), parameters())
 def test_table_locator(tmesh, places):
     """On a mesh given by hand: the index cell between its knot lines, the far ends in the last ones."""

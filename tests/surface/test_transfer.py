@@ -22,7 +22,7 @@ def random_surface(tmesh, dimension: int = 1):
     return make_surface(spline_space(tmesh), np.random.default_rng(0).normal(size=shape))
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(refinements(most=150))
 def test_old_space_inside_new(history):
     """Any surface over a mesh is one over each of its refinements, to 1e-12, both borders and first cuts."""
@@ -34,7 +34,7 @@ def test_old_space_inside_new(history):
     np.testing.assert_allclose(after, before, atol=1e-12)
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(refinements(most=150))
 def test_step_by_step_equals_at_once(history):
     """Transfer from step to step gives the control points of one transfer over all steps."""
@@ -46,7 +46,7 @@ def test_step_by_step_equals_at_once(history):
     np.testing.assert_allclose(stepped.control_points, at_once.control_points, atol=1e-11)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(refinements(most=150))
 def test_unaltered_functions_keep_their_control_points(history):
     """A function with the same anchor and local knots keeps its control point, so frozen ones may stay frozen."""

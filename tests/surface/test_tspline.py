@@ -71,7 +71,7 @@ def test_lattices_equal_scipy(columns, rows, border):
         )
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(meshes(Dyadic(), most=60))
 def test_surfaces_are_the_sum_of_the_definition(tmesh):
     """Σ b_i p_i / Σ b_i with blending functions from their local knots, on any dyadic mesh."""
@@ -80,7 +80,7 @@ def test_surfaces_are_the_sum_of_the_definition(tmesh):
     np.testing.assert_allclose(surface(INSIDE), expected, atol=1e-12)
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(hand_given())
 def test_hand_given_surfaces_are_the_sum_of_the_definition(tmesh):
     """The same on meshes given by hand, with T-junctions and uneven knots."""
@@ -103,7 +103,7 @@ def test_a_hand_given_mesh(rectangles):
     np.testing.assert_allclose(make_surface(surface.space, np.ones(tmesh.n_anchors))(INSIDE), 1, atol=1e-14)
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(meshes(Dyadic()), parameters())
 def test_constants_are_kept(tmesh, places):
     """The rational form reproduces a constant on any mesh, up to the border."""

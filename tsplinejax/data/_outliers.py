@@ -136,9 +136,11 @@ def _lonely_gaps(heights: np.ndarray, valid: np.ndarray, pixels: Int[np.ndarray,
 def _screen(heights: np.ndarray, valid: np.ndarray, least: float) -> Bool[np.ndarray, "rows cols"]:
     """Pixels that stand well above every 5 × 5 square around them, by the measure of most of the map."""
     hat = top_hat(heights, valid)
-    usual = np.quantile(hat[valid][:: max(1, valid.size // 200_000)], 0.25)
+    part = hat[np.isfinite(hat)]
+    part = part[:: max(1, len(part) // 200_000)]
+    usual = np.quantile(part, 0.35) if len(part) else 0.0
     with np.errstate(invalid="ignore"):
-        return hat > max(least, 4.0 * usual if np.isfinite(usual) else 0.0)
+        return hat > max(least, 4.0 * usual)
 
 
 def _ordinary_step(heights: np.ndarray, valid: np.ndarray) -> float:

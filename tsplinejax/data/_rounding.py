@@ -4,13 +4,13 @@ import numpy as np
 from jaxtyping import Float
 
 _ENOUGH = 200_000
-_FEWEST_LEVELS = 16
+_FEWEST_LEVELS = 6
 
 
 def height_step(values: Float[np.ndarray, " m"]) -> float:
     """Return the step q when heights are whole multiples of it (plus an offset), else 0.
 
-    Distinct heights of rounded data lie on a lattice, most of whose levels are used in the bulk of the data. At least 16
+    Distinct heights of rounded data lie on a lattice, most of whose levels are used in the bulk of the data. At least six
     levels are asked for: two plateaus are no sign of rounding. The rounding of the number format is not reported.
 
     **Arguments:**
@@ -24,7 +24,7 @@ def height_step(values: Float[np.ndarray, " m"]) -> float:
     0.0
     """
     values = np.asarray(values)[:: max(1, len(values) // _ENOUGH)]
-    if values.size < 2 * _FEWEST_LEVELS:
+    if values.size < 4 * _FEWEST_LEVELS:
         return 0.0
     low, high = np.quantile(values, [0.01, 0.99])
     levels, counts = np.unique(values[(values >= low) & (values <= high)], return_counts=True)

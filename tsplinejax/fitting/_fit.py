@@ -88,11 +88,13 @@ def fit(
         as_surface=as_surface,
     )
     budget = _checked_budget(max_steps, max_control_points, max_seconds)
-    if budget.max_control_points is None:
-        share = 5 if request.tolerance is None else 2
-        budget = replace(budget, max_control_points=max(64, len(request.samples) // share))
-    refinement = refinement or AnalysisSuitable()
-    problem = prepare(request, refinement, solver or GlobalSolver(), budget, smoothing, dtype, first_cut, lattice)
+    refinement, solver = refinement or AnalysisSuitable(), solver or GlobalSolver()
+    if not isinstance(refinement, AbstractRefinement) or not isinstance(solver, AbstractSolver):
+        raise InputError(
+            "a refinement is AnalysisSuitable() or Dyadic(), a solver GlobalSolver() or LocalSolver(); "
+            f"received {refinement!r} and {solver!r}"
+        )
+    problem = prepare(request, refinement, solver, budget, smoothing, dtype, first_cut, lattice)
     if lattice == "auto":
         problem, outcome = run_best_lattice(problem, progress=progress)
     else:
@@ -128,9 +130,11 @@ def prepare(
     """Choose precision, start lattice, criterion and λ, and put the samples on the device."""
     samples = request.samples
     resolved = resolve_dtype(samples.values.dtype if dtype is None else dtype)
-    start = start_lattice(samples.frame, len(samples), None if isinstance(lattice, str) else lattice, first_cut)
-    if isinstance(lattice, str) and lattice != "auto":
-        raise InputError(f"a lattice is 'auto' or two whole numbers (M, N); received {lattice!r}")
+    given = None if lattice == "auto" else lattice
+    start = start_lattice(samples.frame, len(samples), given, first_cut, budget.max_control_points)
+    if budget.max_control_points is None:
+        share = 5 if request.tolerance is None else 2
+        budget = replace(budget, max_control_points=max(2 * start.n_anchors, len(samples) // share))
     if isinstance(smoothing, str):
         if smoothing != "auto":
             raise InputError(f"smoothing is 'auto' or a number λ of at least zero; received {smoothing!r}")

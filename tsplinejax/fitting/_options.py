@@ -70,6 +70,12 @@ def read_request(
         return Request(samples, outliers, spread, None, estimate, tuple(warnings))
     if spread > 0 and limit > spread / 2:
         warnings.append(f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface")
+    sigma = estimate_noise(source).sigma if samples.dimension == 1 else 0.0
+    if limit < sigma:
+        warnings.append(
+            f"the tolerance {limit:.4g} is below the estimated noise {sigma:.4g}: the fit will follow the noise; "
+            "use noise='auto' (--noise auto) to stop there"
+        )
     return Request(samples, outliers, spread, limit, None, tuple(warnings))
 
 

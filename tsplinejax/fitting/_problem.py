@@ -109,18 +109,38 @@ def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
     spread = float(np.linalg.norm(np.ptp(values, axis=0)))
     return Scaling(values.mean(axis=0), spread if spread > 0 else 1.0)
 
-def start_lattice(frame: Frame, n_samples: int, lattice: tuple[int, int] | None, first_cut: Direction) -> TMesh:
-    """The B-lattice asked for, or one of near-square elements: eight along the shorter side, fewer for few samples."""
+def start_lattice(
+    frame: Frame, n_samples: int, lattice: tuple[int, int] | None, first_cut: Direction, limit: int | None = None
+) -> TMesh:
+    """The B-lattice asked for, or one of near-square elements: eight along the shorter side, fewer for few samples.
+
+    `limit` is the most control points it may have.
+    """
     if lattice is None:
         width, height = frame.extent
         shorter = int(np.clip(np.sqrt(n_samples / max(width / height, height / width)) / 4, 1, 8))
         lattice = scaled_lattice(frame, shorter)
+        while limit is not None and shorter > 1 and _lattice_points(lattice) > limit:
+            shorter -= 1
+            lattice = scaled_lattice(frame, shorter)
         if lattice[0] * lattice[1] > 4 * n_samples:
             raise InputError(
                 f"the data's sides are {width:g} and {height:g}, too unequal for near-square elements with "
                 f"{n_samples} samples; give a lattice, for instance (64, 1)"
             )
+    if not isinstance(lattice, tuple | list) or len(lattice) != 2:
+        raise InputError(f"a lattice is 'auto' or two whole numbers (M, N); received {lattice!r}")
+    if limit is not None and _lattice_points(lattice) > limit:
+        raise InputError(
+            f"the start lattice {lattice[0]} × {lattice[1]} has {_lattice_points(lattice)} control points, but "
+            f"max_control_points is {limit}; raise it, or give a coarser lattice"
+        )
     return b_lattice(*lattice, first_cut=first_cut)
+
+
+def _lattice_points(lattice: tuple[int, int]) -> int:
+    """Control points of a lattice."""
+    return (lattice[0] + 3) * (lattice[1] + 3)
 
 
 def scaled_lattice(frame: Frame, shorter: int) -> tuple[int, int]:

@@ -1,24 +1,30 @@
 """How to pick a tolerance: what each one costs, from one fit.
 
-The adaptive loop passes every looser tolerance on its way to the tightest, so its history tells, for each tolerance, a
-number of control points that meets it. A fit to that tolerance alone takes about as many, since the marking falls in
-stages anyway.
+One fit goes down a ladder of tolerances: where one is met, its control points are noted and refinement goes on to the
+next. So each count is that of a fit to that tolerance alone, or nearly so, at the price of one fit to the tightest.
 
 Below the largest error that noise alone makes, about σ √(2 ln m) for m samples, a fit follows the noise: default
 tolerances end there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import ArrayLike
+from numpy.typing import DTypeLike
 
 from .._errors import InputError
 from ..data import Samples, as_data, parse_length
-from ._fit import fit
+from ..mesh import AbstractRefinement, AnalysisSuitable, Direction
+from ._adaptive import State, advance, begin, polish, terminate
+from ._criteria import ToleranceCriterion
+from ._fit import prepare
 from ._options import Length, Request, read_request
-from ._result import FitResult
+from ._problem import Budget, Problem
+from ._result import Step, StopReason
+from ._solve import AbstractSolver, GlobalSolver
 
 LOOSEST, TIGHTEST = 0.1, 0.001  # of the range
 FEWEST_RUNGS = 3
@@ -76,7 +82,14 @@ def tolerance_study(
     robust: bool = True,
     max_control_points: int | None = None,
     max_seconds: float | None = None,
-    **options: Any,
+    refinement: AbstractRefinement | None = None,
+    solver: AbstractSolver | None = None,
+    lattice: tuple[int, int] | None = None,
+    first_cut: Direction = "s",
+    smoothing: float | str = "auto",
+    weights: ArrayLike | None = None,
+    dtype: DTypeLike | None = None,
+    as_surface: bool = False,
 ) -> ToleranceStudy:
     """Tell what tolerances cost in control points, and suggest three of them.
 
@@ -86,14 +99,14 @@ def tolerance_study(
     - `tolerances`: those to look at, in the data's unit or with one (`"5nm"`); by default round numbers from a tenth of
       the range down to a thousandth, or to the noise where that is reached before.
     - `robust`: set isolated spikes aside, which else decide over every tight tolerance.
-    - `max_control_points`, `max_seconds`: where the fit behind the study ends; by default a tenth of the samples, and
-      no limit. Tolerances that were not reached are left out, and a warning says so.
-    - `options`: further options of [`fit`][tsplinejax.fit], such as `solver`, `lattice` or `as_surface`.
+    - `max_control_points`, `max_seconds`: where the study ends; by default at a tenth of the samples, and without a
+      limit of time. Tolerances that were not met are left out, and a warning says so.
+    - The others are those of [`fit`][tsplinejax.fit].
 
     **Returns:** a [`ToleranceStudy`][tsplinejax.ToleranceStudy].
 
     **Raises:** `InputError` for data that cannot be fitted, a constant surface, and tolerances that are no positive
-    lengths.
+    lengths, or of which none was met.
 
     >>> from tsplinejax.data import peaks
     >>> study = tolerance_study(peaks((40, 50)), [0.5, 0.05])
@@ -101,39 +114,34 @@ def tolerance_study(
     True
     """
     source = data if isinstance(data, Samples) else as_data(data)
-    wanted = None if tolerances is None else _checked(tolerances, _unit_of(source))
-    request = _request(source, robust, options)
-    spread, count = request.range, len(request.samples)
-    if not spread > 0:
-        raise InputError("a tolerance study needs a surface that is not constant; any tolerance suits this one")
-    rungs = wanted or _ladder(spread, _sigma(request) * np.sqrt(2 * np.log(max(count, 2))))
-    budget = max(256, count // SAMPLES_A_CONTROL_POINT) if max_control_points is None else max_control_points
-    result = fit(
-        source, tolerance=rungs[-1], robust=robust, max_control_points=budget, max_seconds=max_seconds, **options
-    )
-    return _study(result, rungs, request, extended=wanted is None)
-
-
-def _request(source: Any, robust: bool, options: dict[str, Any]) -> Request:
-    """The samples that count, and their range."""
-    return read_request(
+    request = read_request(
         source,
         tolerance=None,
         relative_tolerance=None,
         noise=None,
-        weights=options.get("weights"),
+        weights=weights,
         robust=robust,
-        as_surface=options.get("as_surface", False),
+        as_surface=as_surface,
     )
-
-
-def _sigma(request: Request) -> float:
-    """The estimated standard deviation of the noise."""
-    return 0.0 if request.noise is None else request.noise.sigma
-
-
-def _unit_of(source: Any) -> str | None:
-    return source.frame.unit if isinstance(source, Samples) else source.unit
+    if not request.range > 0:
+        raise InputError("a tolerance study needs a surface that is not constant; any tolerance suits this one")
+    rungs = _ladder(request) if tolerances is None else _checked(tolerances, request.samples.frame.unit)
+    most = max(256, len(request.samples) // SAMPLES_A_CONTROL_POINT)
+    budget = Budget(None, most if max_control_points is None else max_control_points, max_seconds)
+    problem = prepare(
+        replace(request, tolerance=rungs[0], noise=None),
+        refinement or AnalysisSuitable(),
+        solver or GlobalSolver(),
+        budget,
+        smoothing,
+        dtype,
+        first_cut,
+        lattice,
+    )
+    steps, history, stop = _descend(problem, rungs)
+    left = rungs[len(steps) :]
+    table = dict(zip(rungs, steps, strict=False))
+    return _study(request, _chosen(table, history, request.range) if tolerances is None else table, left, stop)
 
 
 def _checked(tolerances: Sequence[Length], unit: str | None) -> list[float]:
@@ -144,90 +152,97 @@ def _checked(tolerances: Sequence[Length], unit: str | None) -> list[float]:
     return values
 
 
-def _ladder(spread: float, noise: float) -> list[float]:
+def _ladder(request: Request) -> list[float]:
     """Round tolerances (1, 2, 5, 10, ...) from the range to a thousandth of it, or to the noise; loosest first."""
-    low = min(max(TIGHTEST * spread, noise), spread / 4)
+    spread, count = request.range, len(request.samples)
+    largest_noise = _sigma(request) * np.sqrt(2 * np.log(max(count, 2)))
+    low = min(max(TIGHTEST * spread, largest_noise), spread / 4)
     decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(spread))) + 1)
     rungs = [float(f"{digit}e{decade}") for decade in decades for digit in ROUND_NUMBERS]
     return [rung for rung in reversed(rungs) if low * (1 - 1e-9) <= rung <= spread]
 
 
-def _study(result: FitResult, rungs: list[float], request: Request, *, extended: bool) -> ToleranceStudy:
-    """Read the tolerances off the history."""
-    met = [rung for rung in rungs if _first_within(result, rung) is not None]
-    if extended:
-        met = _enough(result, met)
-    if not met:
-        best = min(step.max_error for step in result.history)
-        raise InputError(
-            f"none of the tolerances was met: the smallest error reached is {best:.4g} with {result.control_points} "
-            "control points; allow more (max_control_points, max_seconds) or give looser tolerances"
+def _sigma(request: Request) -> float:
+    """The estimated standard deviation of the noise."""
+    return 0.0 if request.noise is None else request.noise.sigma
+
+
+def _descend(problem: Problem, rungs: list[float]) -> tuple[list[Step], tuple[Step, ...], StopReason]:
+    """The steps that met the tolerances, one after the other, as far as the budget goes; all steps; why it ended."""
+    steps: list[Step] = []
+    stop = StopReason.TOLERANCE
+    state = begin(problem)
+    try:
+        for before, rung in zip([rungs[0], *rungs], rungs, strict=False):
+            problem = replace(problem, criterion=ToleranceCriterion(rung / problem.scaling.factor))
+            state, stop = _down_to(problem, replace(state, excess=state.excess * (before / rung), stage=np.inf))
+            if state.worst > 1:
+                break
+            steps.append(state.history[-1])
+    except KeyboardInterrupt:
+        stop = StopReason.INTERRUPTED
+    return steps, state.history, stop
+
+
+def _down_to(problem: Problem, state: State) -> tuple[State, StopReason]:
+    """Advance until the tolerance is met, or nothing more can be done."""
+    while True:
+        stop = terminate(problem, state)
+        if stop is StopReason.FINEST and not state.polished:
+            state = polish(problem, state)
+        elif stop is None:
+            state = advance(problem, state)
+        else:
+            return state, stop
+
+
+def _chosen(table: dict[float, Step], history: tuple[Step, ...], spread: float) -> dict[float, Step]:
+    """The tolerances of at most a tenth of the range; looser ones too, where these are too few."""
+    loose = sum(rung > LOOSEST * spread for rung in table)
+    first = max(0, min(loose, len(table) - FEWEST_RUNGS))
+    chosen = dict(list(table.items())[first:])
+    if len(chosen) >= FEWEST_RUNGS:
+        return chosen
+    # Hardly anything was met: what the steps did reach, rounded up to two digits.
+    reached = {float(f"{1.05 * step.max_error:.1e}"): step for step in reversed(history)}
+    picked = sorted(reached, reverse=True)[:: max(1, (len(reached) - 1) // 2)]
+    return dict(sorted({**{rung: reached[rung] for rung in picked}, **chosen}.items(), reverse=True))
+
+
+def _study(request: Request, table: dict[float, Step], left: list[float], stop: StopReason) -> ToleranceStudy:
+    """The frozen study."""
+    unit = request.samples.frame.unit
+    names = ", ".join(f"{rung:.4g}" for rung in left) + (f" {unit}" if unit else "")
+    if not table:
+        raise InputError(f"none of the tolerances {names} was met ({stop}: {stop.message}); give looser ones")
+    warnings = list(request.warnings)
+    if left:
+        warnings.append(
+            f"not met and left out: the tolerances {names}; the trial fit ended first ({stop}: {stop.message})"
         )
-    steps = [_first_within(result, rung) for rung in met]
-    counts = tuple(step.control_points for step in steps if step)
     return ToleranceStudy(
-        tolerances=tuple(met),
-        control_points=counts,
-        max_errors=tuple(step.max_error for step in steps if step),
-        suggested=_suggested(result, met, _sigma(request)),
-        unit=result.unit,
-        range=result.range,
+        tolerances=tuple(table),
+        control_points=tuple(step.control_points for step in table.values()),
+        max_errors=tuple(step.max_error for step in table.values()),
+        suggested=_suggested(request, table, _why_no_finer(list(table)[-1], _sigma(request), bool(left))),
+        unit=unit,
+        range=request.range,
         noise=_sigma(request),
-        warnings=(*request.warnings, *_unreached(result, rungs, met)),
+        warnings=tuple(warnings),
     )
 
 
-def _unreached(result: FitResult, rungs: list[float], met: list[float]) -> list[str]:
-    """A sentence about the tolerances that were not met, if any."""
-    left = [rung for rung in rungs if rung not in met]
-    if not left:
-        return []
-    names = ", ".join(f"{rung:.4g}" for rung in left) + (f" {result.unit}" if result.unit else "")
-    reason = f"the trial fit ended first ({result.stop}: {result.stop.message})"
-    return [f"not met and left out: the tolerances {names}; {reason}"]
-
-
-def _first_within(result: FitResult, tolerance: float) -> Any:
-    """The first step whose largest error is within the tolerance, or `None`."""
-    return next((step for step in result.history if step.max_error <= tolerance), None)
-
-
-def _enough(result: FitResult, met: list[float]) -> list[float]:
-    """Tolerances of at most a tenth of the range, or looser ones too where these are too few."""
-    first = sum(rung > LOOSEST * result.range for rung in met)
-    while first > 0 and len(_worthwhile(result, met[first:])) < FEWEST_RUNGS:
-        first -= 1
-    if len(_worthwhile(result, met)) < FEWEST_RUNGS:
-        return sorted({*met, *_between(result)}, reverse=True)
-    return met[first:]
-
-
-def _worthwhile(result: FitResult, tolerances: list[float]) -> dict[int, float]:
-    """The tightest of the tolerances for each number of control points."""
-    steps = [(_first_within(result, tolerance), tolerance) for tolerance in tolerances]
-    return {step.control_points: tolerance for step, tolerance in steps if step is not None}
-
-
-def _between(result: FitResult) -> list[float]:
-    """Tolerances from the start lattice's error to the smallest one reached, rounded up to two digits."""
-    first, best = result.history[0].max_error, min(step.max_error for step in result.history)
-    if best <= 0:
-        return []
-    return [float(f"{error * 1.05:.1e}") for error in np.geomspace(first, best, FEWEST_RUNGS)]
-
-
-def _suggested(result: FitResult, tolerances: list[float], noise: float) -> tuple[SuggestedTolerance, ...]:
-    """The loosest, the middle and the tightest that are worth their control points, each with its reason."""
-    table = list(_worthwhile(result, tolerances).items())
-    chosen = {"coarse": table[0], "medium": table[(len(table) - 1) // 2], "fine": table[-1]}
-    sense = {
-        "coarse": "the smallest model",
-        "medium": "a compromise",
-        "fine": _why_no_finer(table[-1][1], result, noise),
-    }
+def _suggested(request: Request, table: dict[float, Step], why_no_finer: str) -> tuple[SuggestedTolerance, ...]:
+    """The loosest, the middle and the tightest, each with its reason; the tightest of those that cost the same."""
+    worthwhile = {step.control_points: rung for rung, step in table.items()}
+    rungs = list(worthwhile.values() if len(worthwhile) >= FEWEST_RUNGS else table)
+    chosen = {"coarse": rungs[0], "medium": rungs[(len(rungs) - 1) // 2], "fine": rungs[-1]}
+    sense = {"coarse": "the smallest model", "medium": "a compromise", "fine": why_no_finer}
     return tuple(
-        SuggestedTolerance(name, tolerance, count, f"{_percent(tolerance / result.range)} of the range: {sense[name]}")
-        for name, (count, tolerance) in chosen.items()
+        SuggestedTolerance(
+            name, rung, table[rung].control_points, f"{_percent(rung / request.range)} of the range: {sense[name]}"
+        )
+        for name, rung in chosen.items()
     )
 
 
@@ -235,10 +250,10 @@ def _percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
 
 
-def _why_no_finer(tolerance: float, result: FitResult, noise: float) -> str:
+def _why_no_finer(tolerance: float, noise: float, ended_early: bool) -> str:
     """What keeps the finest tolerance from being finer still."""
-    if not result.converged:
+    if ended_early:
         return "the tightest that was reached within the budget"
-    if noise > 0 and tolerance < 10 * noise:
+    if noise > 0 and tolerance < 15 * noise:
         return f"{tolerance / noise:.2g} standard deviations of the noise, which a tighter one would follow"
     return "fine detail, well above the noise"
