@@ -69,7 +69,9 @@ def medians() -> None:
     for name, maker in (("T1", laser_textured_disk), ("T2", plate_with_particles)):
         for shape, spacing in (((512, 512), (1.0, 1.0)), ((480, 640), (1.0, 1.2))):
             for tolerance in (0.01, 0.001):
-                counts, errors = zip(*(varied(name, maker, shape, spacing, tolerance, k) for k in range(10)), strict=True)
+                counts, errors = zip(
+                    *(varied(name, maker, shape, spacing, tolerance, k) for k in range(10)), strict=True
+                )
                 asked = ASKED[name, tolerance]
                 rows.append(
                     {

@@ -36,7 +36,15 @@ def main(repeats: int = 3) -> None:
     result = best_of(large, 1)
     per_sample = result.seconds / len_of(large) * 1e6
     rows.append(
-        line("T5", "tsplinejax, global", result.control_points, result.max_error / result.range, result.seconds, np.nan, len_of(large))
+        line(
+            "T5",
+            "tsplinejax, global",
+            result.control_points,
+            result.max_error / result.range,
+            result.seconds,
+            np.nan,
+            len_of(large),
+        )
     )
     keep(
         "speed",

@@ -18,7 +18,17 @@ def main() -> None:
         np.save(Path(folder) / "plate.npy", case_study("T2").heights)
         environment = {**os.environ, "XDG_CACHE_HOME": folder}
         environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-        command = [str(Path(sys.executable).parent / "tsplinejax"), "fit", "plate.npy", "-o", "plate.tspl", "--relative-tolerance", "0.01", "--lattice", "8x8"]
+        command = [
+            str(Path(sys.executable).parent / "tsplinejax"),
+            "fit",
+            "plate.npy",
+            "-o",
+            "plate.tspl",
+            "--relative-tolerance",
+            "0.01",
+            "--lattice",
+            "8x8",
+        ]
         for label in ("cold", "warm cache", "warm cache, again"):
             started = time.perf_counter()
             subprocess.run([*command, "--json"], cwd=folder, env=environment, check=True, stdout=subprocess.DEVNULL)

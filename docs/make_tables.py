@@ -36,22 +36,36 @@ def documents() -> dict[Path, str]:
 
 
 def _summary(results: list[dict[str, Any]]) -> str:
-    """The README's table: one line a benchmark that has something to say in its notes."""
-    lines = [(_question(result), _notes(result)) for result in results]
-    rows = [{"what is measured": question, "result": notes} for question, notes in lines if notes]
-    if not rows:
+    """The README's table: one line a benchmark."""
+    if not results:
         return NOTHING
+    rows = [{"what is measured": _question(result), "result": _notes(result) or _link(result)} for result in results]
     return f"{_table(rows)}\nAll rows, peers and versions: [benchmarks](docs/benchmarks.md).\n"
+
+
+def _link(result: dict[str, Any]) -> str:
+    """To a benchmark's section, for one whose rows have no summary."""
+    title = _title(result)
+    return f"[table](docs/benchmarks.md#{title.lower().replace(' ', '-')})"
+
+
+def _title(result: dict[str, Any]) -> str:
+    return result["benchmark"].replace("_", " ").capitalize()
 
 
 def _section(result: dict[str, Any]) -> str:
     """One benchmark of the page."""
     name, notes = result["benchmark"], _notes(result)
-    title = name.replace("_", " ").capitalize()
     versions = ", ".join(f"{package} {version}" for package, version in result["versions"].items())
     machine = result["machine"]
     made = f"By `bench/bench_{name}.py` with {versions}, Python {machine['python']}, {machine['cores']} cores.\n"
-    parts = [f"## {title}\n", _docstring(name) + "\n", _table(result["rows"]), f"{notes}.\n" if notes else "", made]
+    parts = [
+        f"## {_title(result)}\n",
+        _docstring(name) + "\n",
+        _table(result["rows"]),
+        f"{notes}.\n" if notes else "",
+        made,
+    ]
     return "\n".join(part for part in parts if part)
 
 

@@ -47,9 +47,15 @@ def windows(heights: Float[np.ndarray, "rows cols"]) -> list[np.ndarray]:
         return [heights]
     down = max(1, min(rows // _WINDOW, round(np.sqrt(_WINDOWS * rows / cols))))
     across = max(1, min(cols // _WINDOW, _WINDOWS // down))
-    tops = np.linspace(0, max(rows - _WINDOW, 0), down + 2).astype(int)[1:-1] if down > 1 else [max(rows - _WINDOW, 0) // 2]
+    tops = (
+        np.linspace(0, max(rows - _WINDOW, 0), down + 2).astype(int)[1:-1]
+        if down > 1
+        else [max(rows - _WINDOW, 0) // 2]
+    )
     lefts = (
-        np.linspace(0, max(cols - _WINDOW, 0), across + 2).astype(int)[1:-1] if across > 1 else [max(cols - _WINDOW, 0) // 2]
+        np.linspace(0, max(cols - _WINDOW, 0), across + 2).astype(int)[1:-1]
+        if across > 1
+        else [max(cols - _WINDOW, 0) // 2]
     )
     return [heights[i : i + _WINDOW, j : j + _WINDOW] for i in tops for j in lefts]
 
@@ -70,7 +76,9 @@ def block_medians(values: Float[np.ndarray, "rows cols"]) -> Float[np.ndarray, "
     ordered = np.sort(blocks, axis=1)
     count = np.count_nonzero(np.isfinite(ordered), axis=1)
     index = np.arange(len(ordered))
-    medians = (ordered[index, np.maximum(count - 1, 0) // 2] + ordered[index, np.minimum(count // 2, high * wide - 1)]) / 2
+    medians = (
+        ordered[index, np.maximum(count - 1, 0) // 2] + ordered[index, np.minimum(count // 2, high * wide - 1)]
+    ) / 2
     return np.where(2 * count > high * wide, medians, np.nan)
 
 
@@ -116,9 +124,7 @@ def levels(heights: Float[np.ndarray, "rows cols"]) -> Float[np.ndarray, "2 orde
     return result
 
 
-def correlation_of(
-    squares: Float[np.ndarray, "orders lags"], far: float
-) -> Float[np.ndarray, " seven"]:
+def correlation_of(squares: Float[np.ndarray, "orders lags"], far: float) -> Float[np.ndarray, " seven"]:
     """Autocorrelation at lags 1 to 7 pixels from levels² over σ², `far` being the correlation at longer lags.
 
     >>> np.round(correlation_of(np.ones((3, 6)), 0.0), 6) + 0.0

@@ -159,9 +159,7 @@ def _ordinary_step(heights: np.ndarray, valid: np.ndarray) -> float:
     return float(np.partition(steps, -rank)[-rank]) if len(steps) else 0.0
 
 
-def _isolated(
-    heights: np.ndarray, pixels: Int[np.ndarray, " m"], gap: Gap, ordinary: float
-) -> Float[np.ndarray, " n"]:
+def _isolated(heights: np.ndarray, pixels: Int[np.ndarray, " m"], gap: Gap, ordinary: float) -> Float[np.ndarray, " n"]:
     """Those candidates whose whole cluster is small and cut off: no other neighbour lies in its half of the gap."""
     member = np.zeros(heights.shape, bool)
     member.flat[pixels] = True

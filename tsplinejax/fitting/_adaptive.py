@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float
 from ..mesh import MAX_LEVEL, Refinement, bisect
 from ..space import make_blocks, pad, to_device
 from ..surface import beside_anchors, blossom
-from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
 from ._direct import solve_directly
+from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
 from ._energy import bending_energy
 from ._moments import Moments, add_samples, empty_moments, inherit_moments
 from ._problem import Problem
@@ -196,9 +196,7 @@ def _touched(mesh: Discretisation, chosen: Bool[np.ndarray, " n"]) -> Bool[np.nd
     return (chosen[np.maximum(functions, 0)] & (functions >= 0)).any(axis=1)
 
 
-def _update(
-    problem: Problem, mesh: Discretisation, moments: Moments, system: System, elements: np.ndarray
-) -> System:
+def _update(problem: Problem, mesh: Discretisation, moments: Moments, system: System, elements: np.ndarray) -> System:
     """Assemble the matrices of these elements anew."""
     return assemble(system, mesh.space, moments, problem.smoothing, problem.extent, elements)
 
@@ -235,9 +233,7 @@ def _solve_step(
         length = max(problem.least_capacity, 4 ** int(np.ceil(np.log(len(affected) + 1) / np.log(4))))
         system = restrict(system, to_device(pad(affected.astype(np.int32), length, -1)))
     iterations = to_device(solver.iterations, np.int32)
-    solution = conjugate_gradients(
-        system, start, _device_mask(mesh, free), iterations, to_device(TIGHT, problem.dtype)
-    )
+    solution = conjugate_gradients(system, start, _device_mask(mesh, free), iterations, to_device(TIGHT, problem.dtype))
     return solution.coefficients
 
 

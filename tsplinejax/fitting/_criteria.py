@@ -115,9 +115,7 @@ class NoiseCriterion(AbstractCriterion):
 FLOOR = 1.5e-4  # of the range: below it "noise" is round-off and quantisation of the arithmetic
 
 
-def noise_criterion(
-    noise: NoiseEstimate, samples: Samples, factor: float, permutation: np.ndarray
-) -> NoiseCriterion:
+def noise_criterion(noise: NoiseEstimate, samples: Samples, factor: float, permutation: np.ndarray) -> NoiseCriterion:
     """The criterion for a noise estimate; `factor` scales fitted values to the data's unit."""
     deviation = np.maximum(noise_deviation(noise, samples) / factor, FLOOR)
     weights = 1.0 if samples.weights is None else samples.weights

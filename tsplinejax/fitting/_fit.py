@@ -39,7 +39,7 @@ def fit(
     max_steps: int | None = None,
     max_control_points: int | None = None,
     max_seconds: float | None = None,
-    dtype: DTypeLike = None,
+    dtype: DTypeLike | None = None,
     progress: bool = False,
     as_surface: bool = False,
 ) -> FitResult:
@@ -113,7 +113,12 @@ def fit(
         "dtype": str(problem.dtype),
     }
     source = getattr(data, "provenance", None) or {}
-    provenance = {"software": f"tsplinejax {__version__}", "input": dict(source), "options": options, "stop": str(outcome.stop)}
+    provenance = {
+        "software": f"tsplinejax {__version__}",
+        "input": dict(source),
+        "options": options,
+        "stop": str(outcome.stop),
+    }
     return _result(problem, request, outcome, time.perf_counter() - started, provenance)
 
 
@@ -123,7 +128,7 @@ def prepare(
     solver: AbstractSolver,
     budget: Budget,
     smoothing: float | str,
-    dtype: DTypeLike,
+    dtype: DTypeLike | None,
     first_cut: Direction,
     lattice: tuple[int, int] | str | None,
 ) -> Problem:
@@ -172,9 +177,7 @@ def _checked_budget(max_steps: int | None, max_control_points: int | None, max_s
     return Budget(max_steps, max_control_points, max_seconds)
 
 
-def _result(
-    problem: Problem, request: Request, outcome: Run, seconds: float, provenance: dict[str, Any]
-) -> FitResult:
+def _result(problem: Problem, request: Request, outcome: Run, seconds: float, provenance: dict[str, Any]) -> FitResult:
     """The frozen result, in the data's unit and order."""
     state, stop = outcome.best, outcome.stop
     scaling, n, entry = problem.scaling, state.mesh.tmesh.n_anchors, state.history[-1]

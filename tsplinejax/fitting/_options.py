@@ -69,7 +69,9 @@ def read_request(
             warnings.append(estimate.note)
         return Request(samples, outliers, spread, None, estimate, tuple(warnings))
     if spread > 0 and limit > spread / 2:
-        warnings.append(f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface")
+        warnings.append(
+            f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface"
+        )
     sigma = estimate_noise(source).sigma if samples.dimension == 1 else 0.0
     if limit < sigma:
         warnings.append(
@@ -84,7 +86,12 @@ def _samples_of(source: HeightMap | PointCloud | Samples, weights: ArrayLike | N
     if isinstance(source, Samples):
         if weights is not None:
             return Samples(
-                source.parameters, source.values, np.asarray(weights), source.frame, source.grid_shape, source.grid_index
+                source.parameters,
+                source.values,
+                np.asarray(weights),
+                source.frame,
+                source.grid_shape,
+                source.grid_index,
             )
         return source
     if isinstance(source, HeightMap):

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -15,6 +14,7 @@ from ..space import BLOCK, Order, SortedSamples, pad, sort_samples, to_device
 from ._criteria import AbstractCriterion
 from ._solve import AbstractSolver, GlobalSolver
 
+
 @dataclass(frozen=True)
 class Budget:
     """Where a fit stops before its criterion is met; `None` is no limit."""
@@ -23,12 +23,14 @@ class Budget:
     max_control_points: int | None = None
     max_seconds: float | None = None
 
+
 @dataclass(frozen=True, eq=False)
 class Scaling:
     """Values are fitted centred and scaled: value = offset + factor · fitted. Metres in float32 are safe."""
 
     offset: Float[np.ndarray, " d"]
     factor: float
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -103,11 +105,13 @@ class Problem:
         """Smallest padded length: small data compile small kernels, large data compile few."""
         return 256 if self.n_samples < 1 << 15 else 1024 if self.n_samples < 1 << 17 else 4096
 
+
 def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
     """Centre on the mean of the counted values and divide by their range (the diagonal of their box)."""
     values = data.values[counted].astype(np.float64)
     spread = float(np.linalg.norm(np.ptp(values, axis=0)))
     return Scaling(values.mean(axis=0), spread if spread > 0 else 1.0)
+
 
 def start_lattice(
     frame: Frame, n_samples: int, lattice: tuple[int, int] | None, first_cut: Direction, limit: int | None = None
@@ -181,6 +185,7 @@ def prepare_samples(
     parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
     length = 1 << int(np.ceil(np.log2(len(data) + BLOCK)))  # doubles with the data, so kernels rarely see a new shape
     return SortedSamples(*(to_device(pad(part, length, 0)) for part in parts)), order
+
 
 def pose(
     data: Samples,

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mesh import Direction
 from ._adaptive import State, advance, begin, polish, terminate
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason

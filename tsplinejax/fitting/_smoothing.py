@@ -59,7 +59,9 @@ class _Trial:
         every = np.arange(len(mesh.elements))
         d = self.moments.load.shape[-1]
         system = assemble(empty_system(mesh.space, d), mesh.space, self.moments, smoothing, problem.extent, every)
-        start = jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.data.dimension].set(self.state.coefficients)
+        start = (
+            jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.data.dimension].set(self.state.coefficients)
+        )
         free = jnp.arange(mesh.capacity) < mesh.tmesh.n_anchors
         solution = conjugate_gradients(
             system, start, free, jnp.asarray(ITERATIONS, jnp.int32), jnp.asarray(1e-6, problem.dtype)

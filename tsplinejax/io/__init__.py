@@ -1,6 +1,4 @@
 """Files: measured surfaces in, measured surfaces out; the suffix names the format."""
 
-from ._read import READABLE as READABLE
-from ._read import read as read
-from ._write import WRITABLE as WRITABLE
-from ._write import write as write
+from ._read import READABLE as READABLE, read as read
+from ._write import WRITABLE as WRITABLE, write as write

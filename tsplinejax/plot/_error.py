@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from ..surface import normals
 from ._height_map import draw_raster
 from ._raster import raster_of_samples
 from ._style import ERROR_COLOURS, add_colour_bar, display_unit, is_wide, map_axes, number, print_style, with_unit
@@ -56,8 +57,8 @@ def signed_errors(result: Any) -> Float[np.ndarray, " m"]:
     residuals = np.asarray(result.residuals, dtype=np.float64)
     if residuals.ndim == 1 or residuals.shape[1] == 1:
         return residuals.reshape(-1)
-    normals = np.asarray(result.surface.normals(result.samples.parameters))
-    side = np.einsum("md,md->m", residuals, normals)
+    directions = np.asarray(normals(result.surface, result.samples.parameters))
+    side = np.einsum("md,md->m", residuals, directions)
     return np.copysign(np.linalg.norm(residuals, axis=1), side)
 
 
