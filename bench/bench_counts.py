@@ -1,7 +1,7 @@
 """How few control points? The case studies to 1, 0.5 and 0.1 % of the range, beside the best peers' published figures.
 
-Every fit is saved, loaded again and evaluated at every sample by the loaded model; `max error` is that evaluation's. Then
-medians over ten seeds, shifts and rotations of T1 and T2, at 512 × 512 and at 640 × 480 pixels with dx ≠ dy.
+Every fit is saved, loaded again and evaluated at every sample by the loaded model; `max error` is that evaluation's.
+Then medians over ten seeds, shifts and rotations of T1 and T2, at 512 × 512 and at 640 × 480 pixels with dx ≠ dy.
 """
 
 import sys
@@ -31,6 +31,7 @@ BEST_PEER = {
 
 
 def main(kind: str = "all") -> None:
+    """Run the case studies, the medians, or both."""
     if kind in ("all", "cases"):
         cases()
     if kind in ("all", "medians"):
@@ -38,6 +39,7 @@ def main(kind: str = "all") -> None:
 
 
 def cases() -> None:
+    """Fit each case study to each tolerance, from 8 × 8 elements and from the best start lattice."""
     rows = []
     for (name, tolerance), asked in ASKED.items():
         height_map = case_study(name)
@@ -65,6 +67,7 @@ def cases() -> None:
 
 
 def medians() -> None:
+    """Fit the two surfaces in ten poses each, on square and on oblong pixels."""
     rows = []
     for name, maker in (("T1", laser_textured_disk), ("T2", plate_with_particles)):
         for shape, spacing in (((512, 512), (1.0, 1.0)), ((480, 640), (1.0, 1.2))):

@@ -1,4 +1,4 @@
-"""Does the objective ever rise? 200 random surfaces, global and local solver, and the paper's dyadic baseline beside them.
+"""Does the objective ever rise? 200 random surfaces, global and local solver, beside the paper's dyadic baseline.
 
 Fixed λ, unit weights, tolerance 5 % of the range. Reported per method: in how many fits, and in how many steps, the
 objective Σ w r² + λ E and the maximum error rose, the largest relative rise of the objective, and control points over
@@ -24,6 +24,7 @@ METHODS = {
 
 
 def main(surfaces: int = 200) -> None:
+    """Fit the random surfaces by every method and count the rises."""
     fits = {name: [] for name in METHODS}
     for seed in range(surfaces):
         for name, options in METHODS.items():

@@ -13,6 +13,7 @@ from tsplinejax.data import plate_with_particles, scattered_peaks  # noqa: E402
 
 
 def main() -> None:
+    """Fit noisy surfaces with the noise known and estimated."""
     rows = []
     cloud, truth = scattered_peaks(), scattered_peaks(sigma=0)
     clean, noisy = case_study("T2"), plate_with_particles(noise=0.01)

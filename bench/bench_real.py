@@ -20,6 +20,7 @@ MAPS = ("mnt-2.mnt", "frt-1.frt", "tmd-1.tmd", "x3p-2.x3p", "sur-2.sur", "opd-1.
 
 
 def main(*only: str) -> None:
+    """Fit every measured surface, or only those named, in three ways."""
     rows = []
     for name, data in surfaces():
         if only and name not in only:
@@ -35,6 +36,7 @@ def main(*only: str) -> None:
 
 
 def surfaces():
+    """Yield the name and the data of each measured surface that is there."""
     from matplotlib.cbook import get_sample_data
 
     dem = get_sample_data("jacksboro_fault_dem.npz")
@@ -45,6 +47,7 @@ def surfaces():
 
 
 def row(name: str, label: str, result: tsj.FitResult) -> dict:
+    """One fit's line."""
     samples = len(result.samples)
     return {
         "map": name,

@@ -1,7 +1,7 @@
 """Seconds beside accuracy, warm, next to scipy's uniform sparse least squares in the same run.
 
-The peer: a 256 × 256 lattice of cubic B-splines, `NdBSpline.design_matrix` and sparse normal equations. T5 against T1: time
-per sample, and the peak resident memory of the whole process.
+The peer: a 256 × 256 lattice of cubic B-splines, `NdBSpline.design_matrix` and sparse normal equations. T5 against T1:
+time per sample, and the peak resident memory of the whole process.
 """
 
 import resource
@@ -21,6 +21,7 @@ ELEMENTS = 256
 
 
 def main(repeats: int = 3) -> None:
+    """Time the fits of T2, T1 and T5, and the peer's of the first two."""
     rows = []
     for name in ("T2", "T1"):
         height_map = case_study(name)
@@ -31,7 +32,7 @@ def main(repeats: int = 3) -> None:
             ratio = result.seconds / peer_seconds
             error = result.max_error / result.range
             rows.append(line(name, label, result.control_points, error, result.seconds, ratio, len_of(height_map)))
-    small = [r for r in rows if r["surface"] == "T1" and r["method"] == "tsplinejax, global"][0]
+    small = next(r for r in rows if r["surface"] == "T1" and r["method"] == "tsplinejax, global")
     large = case_study("T5")
     result = best_of(large, 1)
     per_sample = result.seconds / len_of(large) * 1e6
@@ -55,6 +56,7 @@ def main(repeats: int = 3) -> None:
 
 
 def len_of(height_map: tsj.HeightMap) -> int:
+    """Number of pixels."""
     return height_map.heights.size
 
 
@@ -81,6 +83,7 @@ def uniform_fit(height_map: tsj.HeightMap) -> tuple[float, float, int]:
 
 
 def line(surface: str, method: str, unknowns: int, error: float, seconds: float, ratio: float, samples: int) -> dict:
+    """One fit's line."""
     return {
         "surface": surface,
         "method": method,

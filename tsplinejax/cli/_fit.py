@@ -155,7 +155,7 @@ def report_of(result: FitResult) -> dict[str, Any]:
 
 def _lines(data: HeightMap | PointCloud, result: FitResult, report: dict[str, Any]) -> tuple[str, ...]:
     unit = result.unit
-    if np.isfinite(result.tolerance):
+    if result.tolerance is not None:
         criterion = f"tolerance {quantity(result.tolerance, unit)}"
     else:
         criterion = f"noise of standard deviation {quantity(result.noise, unit)}"

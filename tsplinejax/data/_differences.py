@@ -37,27 +37,23 @@ def difference(heights: np.ndarray, order: int, lag: int, axis: int) -> np.ndarr
 
 
 def windows(heights: Float[np.ndarray, "rows cols"]) -> list[np.ndarray]:
-    """The map itself, or of a large one windows spread evenly over it, eight at most.
+    """The map itself, or of a large one about eight windows spread evenly over it.
 
     >>> len(windows(np.zeros((4000, 3000))))
-    8
+    9
     """
-    rows, cols = heights.shape
     if heights.size <= _WINDOWS * _WINDOW**2:
         return [heights]
-    down = max(1, min(rows // _WINDOW, round(np.sqrt(_WINDOWS * rows / cols))))
-    across = max(1, min(cols // _WINDOW, _WINDOWS // down))
-    tops = (
-        np.linspace(0, max(rows - _WINDOW, 0), down + 2).astype(int)[1:-1]
-        if down > 1
-        else [max(rows - _WINDOW, 0) // 2]
-    )
-    lefts = (
-        np.linspace(0, max(cols - _WINDOW, 0), across + 2).astype(int)[1:-1]
-        if across > 1
-        else [max(cols - _WINDOW, 0) // 2]
-    )
+    down = int(np.clip(round(np.sqrt(_WINDOWS * heights.shape[0] / heights.shape[1])), 1, _WINDOWS))
+    tops = _spread(heights.shape[0], down)
+    lefts = _spread(heights.shape[1], -(-_WINDOWS // down))
     return [heights[i : i + _WINDOW, j : j + _WINDOW] for i in tops for j in lefts]
+
+
+def _spread(size: int, count: int) -> list[int]:
+    """Starts of `count` windows over a length, each in the middle of its share; fewer where they would overlap."""
+    count = max(1, min(count, size // _WINDOW))
+    return [max(0, round((k + 0.5) * size / count - _WINDOW / 2)) for k in range(count)]
 
 
 def block_medians(values: Float[np.ndarray, "rows cols"]) -> Float[np.ndarray, " blocks"]:
@@ -107,21 +103,40 @@ def dense_level(values: Float[np.ndarray, " n"]) -> float:
     return float(np.exp(mode))
 
 
-def levels(heights: Float[np.ndarray, "rows cols"]) -> Float[np.ndarray, "2 orders lags"]:
+def levels(
+    heights: Float[np.ndarray, "rows cols"], scale: Float[np.ndarray, "rows cols"] | None = None
+) -> Float[np.ndarray, "2 orders lags"]:
     """The level of every difference: direction (0: along x, 1: along y) by `ORDERS` by `LAGS`; NaN where none fits.
+
+    **Arguments:**
+
+    - `heights`: (rows, cols), NaN where missing.
+    - `scale`: what each difference is divided by, at its middle, for noise that varies from place to place.
 
     >>> noise = np.random.default_rng(0).normal(size=(128, 128))
     >>> bool(np.all(np.abs(levels(noise) - 1) < 0.2))
     True
     """
     parts = windows(heights)
+    scales = [None] * len(parts) if scale is None else windows(scale)
     result = np.full((2, len(ORDERS), len(LAGS)), np.nan)
     for direction, axis in enumerate((1, 0)):
         for i, order in enumerate(ORDERS):
             for j, lag in enumerate(LAGS):
-                blocks = [block_medians(np.abs(difference(part, order, lag, axis))) for part in parts]
+                blocks = [
+                    block_medians(_scaled(np.abs(difference(part, order, lag, axis)), of_part, axis))
+                    for part, of_part in zip(parts, scales, strict=True)
+                ]
                 result[direction, i, j] = dense_level(np.concatenate(blocks)) / 0.6745
     return result
+
+
+def _scaled(values: np.ndarray, scale: np.ndarray | None, axis: int) -> np.ndarray:
+    """Values over the scale at the middle of the differences they come from."""
+    if scale is None:
+        return values
+    start = (scale.shape[axis] - values.shape[axis]) // 2
+    return values / np.take(scale, np.arange(start, start + values.shape[axis]), axis=axis)
 
 
 def correlation_of(squares: Float[np.ndarray, "orders lags"], far: float) -> Float[np.ndarray, " seven"]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ._differences import dense_level
 
@@ -36,7 +36,7 @@ def scattered_noise(points: Float[np.ndarray, "m 3"], *, in_space: bool = False)
     places = points if in_space else points[:, :2]
     scale = np.ptp(places, axis=0)
     scale = scale.max() if in_space else np.where(scale > 0, scale, 1.0)
-    tree = cKDTree(places / scale)
+    tree = KDTree(places / scale)
     centres = np.unique(np.linspace(0, len(points) - 1, min(_CENTRES, len(points))).astype(int))
     around = points[tree.query(tree.data[centres], k=count)[1]].astype(np.float64)
     around = around - around.mean(axis=1, keepdims=True)

@@ -14,7 +14,7 @@ _FEWEST_OTHERS = 8
 
 
 class Gap(NamedTuple):
-    """Where sorted neighbourhoods split: the highest height below the gap, its size, and size over spread, (m,) each."""
+    """Where sorted neighbourhoods split: highest height below the gap, size of the gap, size over spread; (m,) each."""
 
     level: Float[np.ndarray, " m"]
     size: Float[np.ndarray, " m"]
@@ -53,8 +53,8 @@ def upper_gap(
         usable = (upper <= values[:, None]) & (np.arange(1, most + 1) <= allowed[:, None])
     contrast = np.where(usable & np.isfinite(contrast), contrast, 0.0)
     best = contrast.argmax(axis=1)[:, None]
-    pick = lambda array: np.take_along_axis(array, best, axis=1)[:, 0]  # noqa: E731
-    return Gap(pick(lower), pick(upper) - pick(lower), pick(contrast))
+    level, top, best_contrast = (np.take_along_axis(part, best, axis=1)[:, 0] for part in (lower, upper, contrast))
+    return Gap(level, top - level, best_contrast)
 
 
 def pixel_half_widths(shape: tuple[int, int]) -> tuple[int, int]:

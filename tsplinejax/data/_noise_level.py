@@ -2,10 +2,11 @@
 
 Height maps: second differences in both directions at once, of pixels k apart, vanish on every sum f(x) + g(y) of smooth
 shapes (and on edges along the axes) and keep a known share of the noise (after Immerkaer, CVIU 64, 1996). Their size is
-taken from those blocks of the map that agree on the lowest value, so features elsewhere do not count. White noise gives the same
-figure at k = 1, 2, 4, 8; noise correlated over a Gaussian of s pixels rises to a plateau, which gives s; texture that
-reaches down to the pixel rises without one, and then texture and noise cannot be told apart. Noise that grows with the
-slope is found by regressing fourth differences, on which even narrow features leave little, on the slope.
+taken from those blocks of the map that agree on the lowest value, so features elsewhere do not count. White noise gives
+the same figure at k = 1, 2, 4, 8; noise correlated over a Gaussian of s pixels rises to a plateau, which gives s;
+texture that reaches down to the pixel rises without one, and then texture and noise cannot be told apart. Noise that
+grows with the slope is found by regressing fourth differences, on which even narrow features leave little, on the
+slope.
 
 Scattered points: distances from the plane of the twelve nearest neighbours.
 """
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ._as_data import as_data
 from ._height_map import HeightMap
@@ -43,8 +44,8 @@ class NoiseEstimate:
     **Attributes:**
 
     - `sigma`: standard deviation (on flat parts, where it grows with the slope).
-    - `correlation_length`: standard deviation in pixels of the Gaussian whose smoothing of white noise would correlate it
-      as much; 0 for white noise.
+    - `correlation_length`: standard deviation in pixels of the Gaussian whose smoothing of white noise would correlate
+      it as much; 0 for white noise.
     - `quantisation`: the step to which heights are rounded, or 0.
     - `slope_coefficient`: c in σ² + c² |∇z|², 0 where the noise does not grow with the slope.
     - `texture_limited`: whether roughness reaches down to the pixel, so that `sigma` may hold texture.
@@ -191,7 +192,8 @@ def _smooth_slope(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarr
     known = np.isfinite(heights)
     weight = ndimage.gaussian_filter(known.astype(float), 2.0)
     smooth = ndimage.gaussian_filter(np.where(known, heights, 0.0), 2.0) / np.maximum(weight, 1e-12)
-    return np.hypot(*np.gradient(smooth, spacing[1], spacing[0]))
+    down, across = np.gradient(smooth, spacing[1], spacing[0])
+    return np.hypot(down, across)
 
 
 def _growth_with_slope(heights: np.ndarray, spacing: tuple[float, float], sigma: float) -> float:
@@ -219,7 +221,7 @@ def _of_scattered(places: Float[np.ndarray, "m 2"], values: Float[np.ndarray, " 
     if len(values) < 2 * _NEAREST:
         return 0.0
     chosen = np.arange(0, len(values), max(1, len(values) // _PROBES))
-    _, near = cKDTree(places).query(places[chosen], k=_NEAREST)
+    _, near = KDTree(places).query(places[chosen], k=_NEAREST)
     offsets = places[near] - places[chosen][:, None]
     scale = np.maximum(np.abs(offsets).max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
     columns = np.concatenate([np.ones((*near.shape, 1)), offsets / scale], axis=2)

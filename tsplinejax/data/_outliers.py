@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
 from .._errors import InputError
 from ._as_data import as_data
@@ -83,7 +83,7 @@ def _of_grid(heights: Float[np.ndarray, "rows cols"], contrast: float) -> Bool[n
     floor = _floor(heights[valid])
     upper = _candidates(heights, valid, floor, contrast)
     lower = _candidates(-heights, valid, floor, contrast)
-    ordinary = _ordinary_step(heights, valid) if len(upper[0]) + len(lower[0]) else 0.0
+    ordinary = _ordinary_step(heights) if len(upper[0]) + len(lower[0]) else 0.0
     result.flat[_isolated(heights, *upper, ordinary)] = True
     result.flat[_isolated(-heights, *lower, ordinary)] = True
     return result
@@ -116,7 +116,7 @@ def _gaps(
     result, counts = np.zeros((3, len(pixels))), np.zeros(len(pixels), int)
     for start in range(0, len(pixels), _CHUNK):
         part = slice(start, start + _CHUNK)
-        around = pixel_neighbourhoods(padded, np.unravel_index(pixels[part], heights.shape), half)
+        around = pixel_neighbourhoods(padded, np.stack(np.unravel_index(pixels[part], heights.shape)), half)
         result[:, part] = upper_gap(around, heights.flat[pixels[part]], floor)
         counts[part] = np.count_nonzero(np.isfinite(around), axis=1)
     return Gap(*result), counts
@@ -143,7 +143,7 @@ def _screen(heights: np.ndarray, valid: np.ndarray, least: float) -> Bool[np.nda
         return hat > max(least, 4.0 * usual)
 
 
-def _ordinary_step(heights: np.ndarray, valid: np.ndarray) -> float:
+def _ordinary_step(heights: np.ndarray) -> float:
     """The largest step between neighbours that is common on the map (on an edge of thirty pixels).
 
     Judged after opening and closing by 7 × 7 squares, which no small cluster survives.
@@ -159,14 +159,15 @@ def _ordinary_step(heights: np.ndarray, valid: np.ndarray) -> float:
     return float(np.partition(steps, -rank)[-rank]) if len(steps) else 0.0
 
 
-def _isolated(heights: np.ndarray, pixels: Int[np.ndarray, " m"], gap: Gap, ordinary: float) -> Float[np.ndarray, " n"]:
+def _isolated(heights: np.ndarray, pixels: Int[np.ndarray, " m"], gap: Gap, ordinary: float) -> Int[np.ndarray, " n"]:
     """Those candidates whose whole cluster is small and cut off: no other neighbour lies in its half of the gap."""
     member = np.zeros(heights.shape, bool)
     member.flat[pixels] = True
-    labels, clusters = ndimage.label(member, np.ones((3, 3)))
-    cluster = labels.flat[pixels] - 1
+    labels = np.zeros(heights.shape, np.int32)
+    ndimage.label(member, np.ones((3, 3)), output=labels)
+    cluster, clusters = labels.flat[pixels] - 1, int(labels.max(initial=0))
     padded = np.pad(np.where(member, -np.inf, heights), 1, constant_values=np.nan)
-    around = pixel_neighbourhoods(padded, np.unravel_index(pixels, heights.shape), (1, 1))
+    around = pixel_neighbourhoods(padded, np.stack(np.unravel_index(pixels, heights.shape)), (1, 1))
     with np.errstate(invalid="ignore"):
         attached = (around > (gap.level + gap.size / 2)[:, None]).any(axis=1)
     beside_missing = np.isnan(around).any(axis=1) & (gap.size < 1.5 * ordinary)
@@ -178,7 +179,7 @@ def _isolated(heights: np.ndarray, pixels: Int[np.ndarray, " m"], gap: Gap, ordi
 
 
 def _of_scattered(places: Float[np.ndarray, "m 2"], heights: np.ndarray, contrast: float) -> Bool[np.ndarray, " m"]:
-    """Outliers of scattered heights: the same gap among the nearest points, about a local plane."""
+    """Outliers of scattered heights: the same gap, among the nearest points."""
     result = np.zeros(len(heights), bool)
     if len(heights) < 10:
         return result
@@ -216,7 +217,11 @@ def _of_space(points: Float[np.ndarray, "m 3"], contrast: float) -> Bool[np.ndar
     floor = _floor(points.ravel())
     for start in range(0, len(points), _CHUNK):
         around = points[nearest[start : start + _CHUNK]]
-        others = around[:, 1:] - around[:, 1:].mean(axis=1, keepdims=True)
+        # A stray among the others would tilt the plane: it is farther from its neighbours than they are from theirs.
+        reaches = reach[nearest[start : start + _CHUNK, 1:]]
+        usual = (reaches <= 2.0 * np.median(reaches, axis=1, keepdims=True))[:, :, None]
+        centre = (usual * around[:, 1:]).sum(axis=1, keepdims=True) / usual.sum(axis=1, keepdims=True)
+        others = usual * (around[:, 1:] - centre)
         normals = np.linalg.eigh(np.einsum("mki,mkj->mij", others, others))[1][:, :, 0]
         offsets = np.einsum("mki,mi->mk", around - around[:, :1], normals)
         result[start : start + _CHUNK] = _apart(offsets, floor, contrast)

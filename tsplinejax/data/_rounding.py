@@ -10,8 +10,8 @@ _FEWEST_LEVELS = 6
 def height_step(values: Float[np.ndarray, " m"]) -> float:
     """Return the step q when heights are whole multiples of it (plus an offset), else 0.
 
-    Distinct heights of rounded data lie on a lattice, most of whose levels are used in the bulk of the data. At least six
-    levels are asked for: two plateaus are no sign of rounding. The rounding of the number format is not reported.
+    Distinct heights of rounded data lie on a lattice, most of whose levels are used in the bulk of the data. At least
+    six levels are asked for: two plateaus are no sign of rounding. The rounding of the number format is not reported.
 
     **Arguments:**
 

@@ -2,7 +2,8 @@
 
 Lateral jitter, vibration and the loss of light on steep flanks all make noise grow with the slope. Pixels are sorted
 into classes of slope; in each, the median of the fourth and of the sixth differences at lag 1 gives a level. Only
-classes where both agree count: on noise they do, on the curvature of a surface they do not.
+classes count where both agree (on the curvature of a surface they do not) and where the signs of pixels side by side
+across the difference agree no more often than on the rest of the map (along an edge they do).
 """
 
 import numpy as np
@@ -14,6 +15,7 @@ from ._differences import difference, windows
 _SMOOTHING = 2.0
 _CLASSES = 12
 _AGREE = 1.15
+_COHERENT = 0.15
 
 
 def slopes(heights: Float[np.ndarray, "rows cols"], spacing: tuple[float, float]) -> Float[np.ndarray, "rows cols"]:
@@ -29,12 +31,12 @@ def slopes(heights: Float[np.ndarray, "rows cols"], spacing: tuple[float, float]
     offset = heights[valid].mean(dtype=np.float64)
     weight = ndimage.gaussian_filter(valid.astype(np.float64), _SMOOTHING, mode="nearest")
     smooth = ndimage.gaussian_filter(np.where(valid, heights - offset, 0.0), _SMOOTHING, mode="nearest")
-    smooth = np.where(valid, smooth / np.maximum(weight, 1e-6), np.nan)
+    smooth = smooth / np.maximum(weight, 1e-6)
     squares = [
         (np.gradient(smooth, step, axis=axis) if smooth.shape[axis] > 1 else np.zeros_like(smooth)) ** 2
         for axis, step in ((1, spacing[0]), (0, spacing[1]))
     ]
-    return np.sqrt(squares[0] + squares[1])
+    return np.where(valid, np.sqrt(squares[0] + squares[1]), np.nan)
 
 
 def slope_dependence(
@@ -67,35 +69,34 @@ def slope_dependence(
 
 
 def _classes(parts: list[np.ndarray], slope: list[np.ndarray], extra: float) -> Float[np.ndarray, "classes 3"]:
-    """Rows of slope, noise and weight for the classes of slope in which both orders agree."""
-    fourth, sixth, steep = [], [], []
-    for part, of_part in zip(parts, slope, strict=True):
-        for axis in (0, 1):
-            if min(part.shape[axis], of_part.shape[axis]) < 8:
-                continue
-            inner = [slice(None), slice(None)]
-            inner[axis] = slice(3, -3)
-            outer = [slice(None), slice(None)]
-            outer[axis] = slice(1, -1)
-            fourth.append(np.abs(difference(part, 4, 1, axis)[tuple(outer)]).ravel())
-            sixth.append(np.abs(difference(part, 6, 1, axis)).ravel())
-            steep.append(of_part[tuple(inner)].ravel())
-    if not steep:
-        return np.zeros((0, 3))
-    fourth, sixth, steep = (np.concatenate(values) for values in (fourth, sixth, steep))
-    known = np.isfinite(fourth) & np.isfinite(sixth) & np.isfinite(steep)
-    fourth, sixth, steep = fourth[known], sixth[known], steep[known]
+    """Rows of slope, noise and weight for the classes of slope in which differences look like noise."""
+    pieces = [
+        _pixels(part, of_part, axis)
+        for part, of_part in zip(parts, slope, strict=True)
+        for axis in (0, 1)
+        if part.shape[axis] > 8 and part.shape[1 - axis] > 1
+    ]
+    columns = np.concatenate(pieces, axis=1) if pieces else np.zeros((4, 0))
+    fourth, sixth, coherent, steep = columns[:, np.isfinite(columns).all(axis=0)]
     if len(steep) < 100 * _CLASSES:
         return np.zeros((0, 3))
-    shares = np.concatenate([np.linspace(0, 0.9, _CLASSES - 2), [0.95, 0.98, 1.0]])
-    edges = np.unique(np.quantile(steep, shares))
+    edges = np.unique(np.quantile(steep, [*np.linspace(0, 0.9, _CLASSES - 2), 0.95, 0.98, 1.0]))
     which = np.clip(np.searchsorted(edges, steep, side="right") - 1, 0, len(edges) - 2)
+    classes = [inside for k in range(len(edges) - 1) if np.count_nonzero(inside := which == k) >= 50]
+    usual = min((coherent[inside].mean() for inside in classes), default=0.0)
     rows = []
-    for k in range(len(edges) - 1):
-        inside = which == k
-        if np.count_nonzero(inside) < 50:
-            continue
+    for inside in classes:
         low, high = sorted(np.median(values[inside]) / 0.6745 for values in (fourth, sixth))
-        if high <= _AGREE * low:
+        if high <= _AGREE * low and coherent[inside].mean() <= usual + _COHERENT:
             rows.append((steep[inside].mean(), np.sqrt(max(low * high - extra, 0.0)), np.sqrt(inside.mean())))
     return np.array(rows).reshape(-1, 3)
+
+
+def _pixels(part: np.ndarray, slope: np.ndarray, axis: int) -> Float[np.ndarray, "4 m"]:
+    """Fourth and sixth difference along an axis, agreement of sign with the pixel beside it across it, and slope."""
+    across = 1 - axis
+    sixth = difference(part, 6, 1, axis)
+    fourth = np.take(difference(part, 4, 1, axis), np.arange(1, part.shape[axis] - 5), axis=axis)
+    steep = np.take(slope, np.arange(3, part.shape[axis] - 3), axis=axis)
+    beside = np.sign(sixth) * np.sign(np.roll(sixth, 1, axis=across))
+    return np.stack([np.abs(fourth).ravel(), np.abs(sixth).ravel(), beside.ravel(), steep.ravel()])

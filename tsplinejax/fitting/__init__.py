@@ -6,9 +6,9 @@ from ._criteria import (
     NoiseCriterion as NoiseCriterion,
     ToleranceCriterion as ToleranceCriterion,
 )
-from ._fit import fit as fit
+from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
 from ._lstsq import lstsq as lstsq
-from ._problem import Budget as Budget, Problem as Problem, pose as pose
+from ._problem import Budget as Budget, Problem as Problem
 from ._result import FitResult as FitResult, Step as Step, StopReason as StopReason
 from ._solve import (
     AbstractSolver as AbstractSolver,

@@ -1,8 +1,9 @@
 """The adaptive loop: mark, refine, transfer, accumulate, solve, measure.
 
-`begin` fits the start lattice, `advance` does one step, `terminate` says why to stop: a notebook can drive them by hand,
-and [`fit`][tsplinejax.fit] is the loop around them. Elements are marked against a threshold that falls in stages to the
-criterion's own: marking for the final tolerance at once refines many elements for errors that their neighbours cause.
+`begin` fits the start lattice, `advance` does one step, `terminate` says why to stop: a notebook can drive them by
+hand, and [`fit`][tsplinejax.fit] is the loop around them. Elements are marked against a threshold that falls in stages
+to the criterion's own: marking for the final tolerance at once refines many elements for errors that their neighbours
+cause.
 """
 
 import time
@@ -117,11 +118,20 @@ def advance(problem: Problem, state: State) -> State:
 
 
 def polish(problem: Problem, state: State) -> State:
-    """The same mesh after a long solve for all control points."""
-    started = time.perf_counter()
+    """The same step after a long solve for all control points."""
+    started = time.perf_counter() - state.history[-1].seconds
     coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients, ENOUGH)
     return _measure(
-        problem, state.mesh, state.moments, state.system, coefficients, state.stage, True, state.history, started, state
+        problem,
+        state.mesh,
+        state.moments,
+        state.system,
+        coefficients,
+        state.stage,
+        True,
+        state.history[:-1],
+        started,
+        state,
     )
 
 
@@ -176,7 +186,7 @@ def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"],
 
 
 def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
-    """Bisect what is marked, or the worst part of it that the control-point budget allows; `None` where it allows none."""
+    """Bisect what is marked, or the worst part that the control-point budget allows; `None` where it allows none."""
     tmesh, limit = state.mesh.tmesh, problem.budget.max_control_points
     marked, stage = mark(problem, state)
     while marked.any():
@@ -193,7 +203,7 @@ def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
 def _touched(mesh: Discretisation, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:
     """Bézier elements on which a chosen function lives."""
     functions = mesh.elements.functions
-    return (chosen[np.maximum(functions, 0)] & (functions >= 0)).any(axis=1)
+    return np.any(chosen[np.maximum(functions, 0)] & (functions >= 0), axis=1)
 
 
 def _update(problem: Problem, mesh: Discretisation, moments: Moments, system: System, elements: np.ndarray) -> System:

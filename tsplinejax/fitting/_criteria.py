@@ -1,12 +1,13 @@
 """When is an element good enough? Two criteria, each a multiple of its own threshold per element.
 
-[`ToleranceCriterion`][tsplinejax.fitting.ToleranceCriterion]: the largest residual at the element's samples against the tolerance.
+[`ToleranceCriterion`][tsplinejax.fitting.ToleranceCriterion]: the largest residual at the element's samples against the
+tolerance.
 
-[`NoiseCriterion`][tsplinejax.fitting.NoiseCriterion]: a score test. With R = Σ_j w_j B(u_j) r_j the moments of an element's
-residuals against its sixteen Bernstein products and M their Gram matrix, Rᵀ M⁻¹ R is the part of Σ w r² that a bicubic
-patch of its own would explain: σ² χ²(16) for white noise, whatever the number of samples. Structure that a plain
-chi-square over all samples drowns in their number is found by it; the plain test stays beside it for detail inside the
-element. Noise that is correlated over κ samples explains up to κ times as much.
+[`NoiseCriterion`][tsplinejax.fitting.NoiseCriterion]: a score test. With R = Σ_j w_j B(u_j) r_j the moments of an
+element's residuals against its sixteen Bernstein products and M their Gram matrix, Rᵀ M⁻¹ R is the part of Σ w r² that
+a bicubic patch of its own would explain: σ² χ²(16) for white noise, whatever the number of samples. Structure that a
+plain chi-square over all samples drowns in their number is found by it; the plain test stays beside it for detail
+inside the element. Noise that is correlated over κ samples explains up to κ times as much.
 """
 
 from abc import abstractmethod
@@ -35,8 +36,8 @@ class AbstractCriterion:
         """The reason to stop once no element violates the criterion."""
 
     @abstractmethod
-    def stage_tolerance(self, multiple: float, factor: float) -> float:
-        """What a multiple of the threshold means to the user; `factor` scales fitted values to the data's unit."""
+    def stage_tolerance(self, multiple: float, factor: float) -> float | None:
+        """What a multiple of the threshold is in the data's unit, if anything; `factor` scales fitted values to it."""
 
     @abstractmethod
     def excess(
@@ -88,9 +89,9 @@ class NoiseCriterion(AbstractCriterion):
         """The residuals look like noise."""
         return StopReason.NOISE
 
-    def stage_tolerance(self, multiple: float, factor: float) -> float:
-        """The multiple itself: it is of the test's own thresholds."""
-        return multiple
+    def stage_tolerance(self, multiple: float, factor: float) -> float | None:
+        """Nothing: the test has thresholds of its own."""
+        return None
 
     def excess(
         self, mesh: Discretisation, moments: Moments, points: Array, residuals: Residuals

@@ -10,9 +10,10 @@ from numpy.typing import DTypeLike
 
 from .._errors import InputError
 from .._version import __version__
-from ..mesh import AbstractRefinement, AnalysisSuitable, Direction
+from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, require_forest
 from ..space import resolve_dtype
-from ..surface import make_surface
+from ..surface import TSpline, make_surface
+from ._adaptive import State
 from ._criteria import AbstractCriterion, ToleranceCriterion, noise_criterion
 from ._energy import default_smoothing
 from ._options import Length, Request, read_request
@@ -47,15 +48,18 @@ def fit(
 
     **Arguments:**
 
-    - `data`: a `HeightMap`, a `PointCloud`, `Samples`, or plain arrays (see `as_data`). A cloud is fitted as z over (x, y).
+    - `data`: a `HeightMap`, a `PointCloud`, `Samples`, or plain arrays (see `as_data`). A cloud is fitted as z over
+      (x, y).
     - `tolerance`: largest error allowed at any sample, in the data's unit, or with one: `"5nm"`.
     - `relative_tolerance`: the same as a share of the range (max - min) of the samples that are not outliers.
     - `noise`: stop where residuals are no longer significantly above the noise: `"auto"` estimates it, a number is its
       standard deviation. At most one of these three; `"auto"` noise when none is given.
     - `refinement`: `AnalysisSuitable()` (default) or `Dyadic()`, the paper's.
-    - `solver`: `GlobalSolver()` (default) or `LocalSolver()`; `Dyadic()` with `LocalSolver(ring=0)` is the paper's algorithm.
-    - `lattice`: start lattice (M, N), M elements along x; by default near-square elements, eight along the shorter side;
-      `"auto"` tries a few and both first cuts, and keeps what needs fewest control points (takes several times longer).
+    - `solver`: `GlobalSolver()` (default) or `LocalSolver()`; `Dyadic()` with `LocalSolver(ring=0)` is the paper's
+      algorithm.
+    - `lattice`: start lattice (M, N), M elements along x; by default near-square elements, eight along the shorter
+      side; `"auto"` tries a few and both first cuts, and keeps what needs fewest control points (takes several times
+      longer).
     - `first_cut`: direction in which elements of even level are cut, `"s"` (along x) or `"t"`.
     - `smoothing`: weight λ of the bending energy; `"auto"` is a trace that only fills gaps, and for a fit to noise is
       chosen by generalised cross validation.
@@ -78,6 +82,67 @@ def fit(
     (True, True)
     """
     started = time.perf_counter()
+    problem = pose_fit(
+        data,
+        tolerance=tolerance,
+        relative_tolerance=relative_tolerance,
+        noise=noise,
+        refinement=refinement,
+        solver=solver,
+        lattice=lattice,
+        first_cut=first_cut,
+        smoothing=smoothing,
+        weights=weights,
+        robust=robust,
+        max_steps=max_steps,
+        max_control_points=max_control_points,
+        max_seconds=max_seconds,
+        dtype=dtype,
+        as_surface=as_surface,
+    )
+    if lattice == "auto":
+        problem, outcome = run_best_lattice(problem, progress=progress)
+    else:
+        outcome = run(problem, progress=progress)
+    if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE:
+        problem, outcome = smooth_automatically(problem, outcome)
+    source = dict(getattr(data, "provenance", None) or {})
+    return _result(problem, outcome, time.perf_counter() - started, _provenance(problem, outcome.stop, source))
+
+
+def pose_fit(
+    data: Any,
+    *,
+    tolerance: Length | None = None,
+    relative_tolerance: float | None = None,
+    noise: Length | None = None,
+    refinement: AbstractRefinement | None = None,
+    solver: AbstractSolver | None = None,
+    lattice: tuple[int, int] | Literal["auto"] | None = None,
+    first_cut: Direction = "s",
+    smoothing: float | Literal["auto"] = "auto",
+    weights: ArrayLike | None = None,
+    robust: bool = False,
+    max_steps: int | None = None,
+    max_control_points: int | None = None,
+    max_seconds: float | None = None,
+    dtype: DTypeLike | None = None,
+    as_surface: bool = False,
+) -> Problem:
+    """Make everything ready for a fit that is driven by hand, with `begin`, `advance` and `terminate`.
+
+    Data and options are those of [`fit`][tsplinejax.fit]; a lattice of `"auto"` is the default one here.
+
+    **Raises:** `InputError` for bad data or options.
+
+    >>> from tsplinejax.fitting import advance, begin, terminate
+    >>> problem = pose_fit(np.add.outer(np.arange(30.0) ** 2, np.arange(40.0)), tolerance=1.0)
+    >>> state = begin(problem)
+    >>> while terminate(problem, state) is None:
+    ...     state = advance(problem, state)
+    >>> surface_of(problem, state).control_points.shape
+    (154,)
+    """
     request = read_request(
         data,
         tolerance=tolerance,
@@ -94,32 +159,7 @@ def fit(
             "a refinement is AnalysisSuitable() or Dyadic(), a solver GlobalSolver() or LocalSolver(); "
             f"received {refinement!r} and {solver!r}"
         )
-    problem = prepare(request, refinement, solver, budget, smoothing, dtype, first_cut, lattice)
-    if lattice == "auto":
-        problem, outcome = run_best_lattice(problem, progress=progress)
-    else:
-        outcome = run(problem, progress=progress)
-    if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE:
-        problem, outcome = smooth_automatically(problem, outcome)
-    options = {
-        "tolerance": request.tolerance,
-        "noise": None if request.noise is None else request.noise.sigma,
-        "refinement": repr(refinement),
-        "solver": repr(problem.solver),
-        "lattice": list(problem.start.forest.lattice),
-        "first_cut": problem.start.forest.first_cut,
-        "smoothing": problem.smoothing,
-        "robust": robust,
-        "dtype": str(problem.dtype),
-    }
-    source = getattr(data, "provenance", None) or {}
-    provenance = {
-        "software": f"tsplinejax {__version__}",
-        "input": dict(source),
-        "options": options,
-        "stop": str(outcome.stop),
-    }
-    return _result(problem, request, outcome, time.perf_counter() - started, provenance)
+    return prepare(request, refinement, solver, budget, smoothing, dtype, first_cut, lattice)
 
 
 def prepare(
@@ -135,19 +175,11 @@ def prepare(
     """Choose precision, start lattice, criterion and λ, and put the samples on the device."""
     samples = request.samples
     resolved = resolve_dtype(samples.values.dtype if dtype is None else dtype)
-    given = None if lattice == "auto" else lattice
+    given = None if isinstance(lattice, str) and lattice == "auto" else lattice
     start = start_lattice(samples.frame, len(samples), given, first_cut, budget.max_control_points)
     if budget.max_control_points is None:
         share = 5 if request.tolerance is None else 2
         budget = replace(budget, max_control_points=max(2 * start.n_anchors, len(samples) // share))
-    if isinstance(smoothing, str):
-        if smoothing != "auto":
-            raise InputError(f"smoothing is 'auto' or a number λ of at least zero; received {smoothing!r}")
-        weight = default_smoothing(len(samples)) if isinstance(refinement, AnalysisSuitable) else 0.0
-    else:
-        weight = float(smoothing)
-        if not np.isfinite(weight) or weight < 0:
-            raise InputError(f"smoothing λ is finite and at least zero; received {smoothing!r}; try 'auto'")
 
     def criterion(factor: float, permutation: np.ndarray) -> AbstractCriterion:
         if request.tolerance is not None:
@@ -156,16 +188,41 @@ def prepare(
         return noise_criterion(request.noise, samples, factor, permutation)
 
     return pose(
-        samples,
-        request.outliers,
+        request,
         start=start,
         criterion=criterion,
-        smoothing=weight,
+        smoothing=_smoothing_weight(smoothing, len(samples), refinement),
         refinement=refinement,
         solver=solver,
         budget=budget,
         dtype=resolved,
     )
+
+
+def surface_of(problem: Problem, state: State) -> TSpline:
+    """The surface of a state, in the data's unit and place.
+
+    >>> from tsplinejax.fitting import begin
+    >>> problem = pose_fit(np.ones((20, 20)), tolerance=1.0)
+    >>> surface_of(problem, begin(problem)).is_height_map
+    True
+    """
+    scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
+    points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
+    height_map = problem.data.dimension == 1
+    return make_surface(state.mesh.space, points[:, 0] if height_map else points, problem.data.frame)
+
+
+def _smoothing_weight(smoothing: float | str, n_samples: int, refinement: AbstractRefinement) -> float:
+    """λ as a number; automatic smoothing starts from a trace that only fills gaps (none on rational surfaces)."""
+    if isinstance(smoothing, str):
+        if smoothing != "auto":
+            raise InputError(f"smoothing is 'auto' or a number λ of at least zero; received {smoothing!r}")
+        return default_smoothing(n_samples) if isinstance(refinement, AnalysisSuitable) else 0.0
+    weight = float(smoothing)
+    if not np.isfinite(weight) or weight < 0:
+        raise InputError(f"smoothing λ is finite and at least zero; received {smoothing!r}; try 'auto'")
+    return weight
 
 
 def _checked_budget(max_steps: int | None, max_control_points: int | None, max_seconds: float | None) -> Budget:
@@ -177,13 +234,28 @@ def _checked_budget(max_steps: int | None, max_control_points: int | None, max_s
     return Budget(max_steps, max_control_points, max_seconds)
 
 
-def _result(problem: Problem, request: Request, outcome: Run, seconds: float, provenance: dict[str, Any]) -> FitResult:
+def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> dict[str, Any]:
+    """Software, input, options and outcome, as they go into the model's file."""
+    request, forest = problem.request, require_forest(problem.start)
+    options = {
+        "tolerance": request.tolerance,
+        "noise": None if request.noise is None else request.noise.sigma,
+        "refinement": repr(problem.refinement),
+        "solver": repr(problem.solver),
+        "lattice": list(forest.lattice),
+        "first_cut": forest.first_cut,
+        "smoothing": problem.smoothing,
+        "robust": request.robust,
+        "dtype": str(problem.dtype),
+    }
+    return {"software": f"tsplinejax {__version__}", "input": source, "options": options, "stop": str(stop)}
+
+
+def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str, Any]) -> FitResult:
     """The frozen result, in the data's unit and order."""
+    request = problem.request
     state, stop = outcome.best, outcome.stop
-    scaling, n, entry = problem.scaling, state.mesh.tmesh.n_anchors, state.history[-1]
-    points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
-    samples = request.samples
-    surface = make_surface(state.mesh.space, points if samples.dimension > 1 else points[:, 0], samples.frame)
+    scaling, entry, samples = problem.scaling, state.history[-1], request.samples
     residuals = np.empty_like(samples.values, dtype=np.float64)
     residuals[problem.order.permutation] = state.residuals.values() * scaling.factor
     warnings = list(request.warnings)
@@ -195,13 +267,13 @@ def _result(problem: Problem, request: Request, outcome: Run, seconds: float, pr
             f"{entry.max_error:.4g} at (x, y) = ({x:.4g}, {y:.4g})"
         )
     return FitResult(
-        surface=surface,
+        surface=surface_of(problem, state),
         samples=samples,
         residuals=residuals if samples.dimension > 1 else residuals[:, 0],
         outliers=request.outliers,
         stop=stop,
         converged=stop in (StopReason.TOLERANCE, StopReason.NOISE),
-        tolerance=float("nan") if request.tolerance is None else request.tolerance,
+        tolerance=request.tolerance,
         noise=None if request.noise is None else request.noise.sigma,
         max_error=entry.max_error,
         rms_error=entry.rms_error,
@@ -210,7 +282,7 @@ def _result(problem: Problem, request: Request, outcome: Run, seconds: float, pr
         range=request.range,
         unit=samples.frame.unit,
         smoothing=problem.smoothing,
-        control_points=n,
+        control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
         seconds=seconds,
         history=outcome.history,

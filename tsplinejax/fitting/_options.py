@@ -21,6 +21,7 @@ class Request:
     - `range`: max - min of the inliers, or the diagonal of their box for points in space.
     - `tolerance`: in the data's unit, or `None` for a fit to noise.
     - `noise`: what is known of the noise, or `None`.
+    - `robust`: whether outliers were looked for.
     - `warnings`: what the data give reason to say.
     """
 
@@ -29,6 +30,7 @@ class Request:
     range: float
     tolerance: float | None
     noise: NoiseEstimate | None
+    robust: bool
     warnings: tuple[str, ...]
 
 
@@ -67,7 +69,7 @@ def read_request(
         estimate = _noise_of(source, samples, noise, unit)
         if estimate.texture_limited:
             warnings.append(estimate.note)
-        return Request(samples, outliers, spread, None, estimate, tuple(warnings))
+        return Request(samples, outliers, spread, None, estimate, robust, tuple(warnings))
     if spread > 0 and limit > spread / 2:
         warnings.append(
             f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface"
@@ -78,7 +80,7 @@ def read_request(
             f"the tolerance {limit:.4g} is below the estimated noise {sigma:.4g}: the fit will follow the noise; "
             "use noise='auto' (--noise auto) to stop there"
         )
-    return Request(samples, outliers, spread, limit, None, tuple(warnings))
+    return Request(samples, outliers, spread, limit, None, robust, tuple(warnings))
 
 
 def _samples_of(source: HeightMap | PointCloud | Samples, weights: ArrayLike | None, as_surface: bool) -> Samples:

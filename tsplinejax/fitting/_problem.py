@@ -12,6 +12,7 @@ from ..data import Frame, Samples
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
 from ..space import BLOCK, Order, SortedSamples, pad, sort_samples, to_device
 from ._criteria import AbstractCriterion
+from ._options import Request
 from ._solve import AbstractSolver, GlobalSolver
 
 
@@ -38,7 +39,7 @@ class Problem:
 
     **Attributes:**
 
-    - `data`: the samples as given; `outliers`: which of them are set aside, (m,).
+    - `request`: the samples, the outliers among them, and what was asked.
     - `start`: the T-mesh to start from.
     - `samples`, `order`: the samples on the device, sorted and scaled; outliers have weight zero.
     - `scaling`: from fitted values back to the data's.
@@ -49,8 +50,7 @@ class Problem:
     - `stage_factor`: by how much the marking threshold falls from stage to stage.
     """
 
-    data: Samples
-    outliers: Bool[np.ndarray, " m"]
+    request: Request
     start: TMesh
     samples: SortedSamples
     order: Order
@@ -63,6 +63,16 @@ class Problem:
     solver: AbstractSolver = field(default_factory=GlobalSolver)
     budget: Budget = field(default_factory=Budget)
     stage_factor: float = 0.25
+
+    @property
+    def data(self) -> Samples:
+        """The samples as given."""
+        return self.request.samples
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, " m"]:
+        """Which samples are set aside, (m,)."""
+        return self.request.outliers
 
     @property
     def n_samples(self) -> int:
@@ -114,7 +124,7 @@ def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
 
 
 def start_lattice(
-    frame: Frame, n_samples: int, lattice: tuple[int, int] | None, first_cut: Direction, limit: int | None = None
+    frame: Frame, n_samples: int, lattice: tuple[int, int] | str | None, first_cut: Direction, limit: int | None = None
 ) -> TMesh:
     """The B-lattice asked for, or one of near-square elements: eight along the shorter side, fewer for few samples.
 
@@ -162,8 +172,7 @@ def restart(problem: Problem, lattice: tuple[int, int], first_cut: Direction) ->
         if same:
             return problem
     return pose(
-        problem.data,
-        problem.outliers,
+        problem.request,
         start=start,
         criterion=problem.make_criterion,
         smoothing=problem.smoothing,
@@ -188,8 +197,7 @@ def prepare_samples(
 
 
 def pose(
-    data: Samples,
-    outliers: Bool[np.ndarray, " m"],
+    request: Request,
     *,
     start: TMesh,
     criterion: Callable[[float, np.ndarray], AbstractCriterion],
@@ -199,13 +207,13 @@ def pose(
     budget: Budget,
     dtype: np.dtype,
 ) -> Problem:
-    """Make a problem of samples; `criterion` receives the scaling's factor and the sorting permutation."""
+    """Make a problem of a request; `criterion` receives the scaling's factor and the sorting permutation."""
+    data, outliers = request.samples, request.outliers
     counted = ~outliers if data.weights is None else ~outliers & (data.weights > 0)
     scaling = scale_values(data, counted)
     samples, order = prepare_samples(data, start, scaling, counted, dtype)
     return Problem(
-        data=data,
-        outliers=outliers,
+        request=request,
         start=start,
         samples=samples,
         order=order,

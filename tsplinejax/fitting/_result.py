@@ -32,11 +32,11 @@ class StopReason(StrEnum):
 _MESSAGES = {
     StopReason.TOLERANCE: "every sample is within the tolerance",
     StopReason.NOISE: "no element's residuals are significantly above the noise",
-    StopReason.FINEST: "no violating element can be split: each holds a single place and is smaller than the samples' distance; "
-    "set outliers aside with robust=True, or relax the tolerance",
+    StopReason.FINEST: "no violating element can be split: each holds a single place and is smaller than the samples' "
+    "distance; set outliers aside with robust=True, or relax the tolerance",
     StopReason.MAX_STEPS: "the step budget is used up; raise max_steps",
-    StopReason.MAX_CONTROL_POINTS: "the control-point budget is used up; raise max_control_points, relax the tolerance, "
-    "or set outliers aside with robust=True",
+    StopReason.MAX_CONTROL_POINTS: "the control-point budget is used up; raise max_control_points, relax the "
+    "tolerance, or set outliers aside with robust=True",
     StopReason.MAX_SECONDS: "the time budget is used up; raise max_seconds",
     StopReason.INTERRUPTED: "interrupted; this is the best step so far",
 }
@@ -53,7 +53,7 @@ class Step:
     - `max_error`, `rms_error`: largest and root-mean-square Euclidean residual of the samples that count.
     - `snr_db`, `snr_db_centred`: Eq. 7, and the same with the mean removed from the data.
     - `objective`: Σ w r² + λ E, from residuals.
-    - `tolerance`: the stage's own tolerance (for a fit to noise: the multiple of its threshold).
+    - `tolerance`: the stage's own tolerance; `None` for a fit to noise.
     - `seconds`: wall time of the step.
     """
 
@@ -65,7 +65,7 @@ class Step:
     snr_db: float
     snr_db_centred: float
     objective: float
-    tolerance: float
+    tolerance: float | None
     seconds: float
 
 
@@ -80,7 +80,7 @@ class FitResult:
     - `residuals`: value minus surface at each sample, (m,) for heights, (m, 3) for points in space.
     - `outliers`: samples that were set aside, (m,).
     - `stop`, `converged`: why the loop stopped; whether the criterion was met.
-    - `tolerance`: largest error asked for, in `unit`; NaN for a fit to noise.
+    - `tolerance`: largest error asked for, in `unit`; `None` for a fit to noise.
     - `noise`: standard deviation of the noise that the fit assumed, or `None`.
     - `max_error`, `rms_error`, `snr_db`, `snr_db_centred`: of the samples that were not set aside.
     - `range`: max - min of the samples that were not set aside (for points in space: the bounding box's diagonal).
@@ -96,7 +96,7 @@ class FitResult:
     outliers: Bool[np.ndarray, " m"]
     stop: StopReason
     converged: bool
-    tolerance: float
+    tolerance: float | None
     noise: float | None
     max_error: float
     rms_error: float

@@ -1,8 +1,8 @@
 """Running the loop to its end: the best step, a progress bar, and trials of start lattices.
 
-Dyadic refinement reaches only spacings that are the start lattice's over powers of two. Where a surface's features want a
-spacing between two of them, a lattice with another number of elements to the octave saves up to a quarter of the control
-points; which one cannot be told without trying.
+Dyadic refinement reaches only spacings that are the start lattice's over powers of two. Where a surface's features want
+a spacing between two of them, a lattice with another number of elements to the octave saves up to a quarter of the
+control points; which one cannot be told without trying.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,6 +14,7 @@ import numpy as np
 from ._adaptive import State, advance, begin, polish, terminate
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason
+from ._solve import GlobalSolver
 
 # Elements along the shorter side, one for each part of an octave; eight is also the default lattice's.
 TRIALS = (8, 5, 11, 6, 7)
@@ -43,16 +44,18 @@ class Run:
 def run(problem: Problem, *, progress: bool = False) -> Run:
     """Advance until there is a reason to stop.
 
-    Steps solve loosely. Before the loop gives up for want of elements to split, and at the end, a long solve has its
-    chance; a long solve that no longer meets the criterion (least squares does not minimise the largest error) is not kept.
+    Steps solve loosely. With the global solver a long solve has its chance before the loop gives up for want of
+    elements to split, and at the end; one that no longer meets the criterion (least squares does not minimise the
+    largest error) is not kept.
     """
+    everywhere = isinstance(problem.solver, GlobalSolver)
     best = state = begin(problem)
     try:
         with _progress_bar(progress) as report:
             while True:
                 report(state)
                 stop = terminate(problem, state)
-                if stop is StopReason.FINEST and not state.polished:
+                if stop is StopReason.FINEST and everywhere and not state.polished:
                     state = polish(problem, state)
                 elif stop is None:
                     state = advance(problem, state)
@@ -61,7 +64,7 @@ def run(problem: Problem, *, progress: bool = False) -> Run:
                 best = state if state.worst <= best.worst else best
         if state.worst <= 1:
             best = state
-        if not state.polished and stop is not StopReason.MAX_SECONDS:
+        if everywhere and not state.polished and stop is not StopReason.MAX_SECONDS:
             polished = polish(problem, state)
             if polished.worst <= max(1.0, best.worst):
                 best = state = polished

@@ -1,8 +1,8 @@
 """Automatic smoothing by generalised cross validation.
 
 GCV(λ) = m RSS / (m - tr H)², with the trace of the smoother H estimated from random signs at the samples (Hutchinson).
-Signs and values are right-hand sides of one system, so a weight λ costs one block of conjugate gradients and no pass over
-the samples.
+Signs and values are right-hand sides of one system, so a weight λ costs one block of conjugate gradients and no pass
+over the samples.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ def smooth_automatically(problem: Problem, outcome: Run) -> tuple[Problem, Run]:
     """The fit with the weight λ of least GCV on the run's last mesh, from the problem's own λ upwards."""
     state = outcome.best
     trial = _Trial(problem, state, _probed_moments(problem, state), _square_sum(problem))
-    exponents = np.arange(DECADES)
+    exponents = np.arange(DECADES, dtype=np.float64)
     scores: dict[float, float] = {}
     for exponent in exponents:
         scores[exponent] = trial.score(problem.smoothing * 10.0**exponent)

@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ._system import System
 
 
-@dataclass(frozen=True)
 class AbstractSolver:
-    """How much of the surface a step solves for."""
+    """How much of the surface a step solves for, in how many conjugate-gradient `iterations`."""
+
+    iterations: int
 
 
 @dataclass(frozen=True)

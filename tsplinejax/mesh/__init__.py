@@ -17,6 +17,7 @@ from ._refine import (
     bisect as bisect,
     bisect_cells as bisect_cells,
     refine as refine,
+    require_forest as require_forest,
 )
 from ._tmesh import (
     TMesh as TMesh,

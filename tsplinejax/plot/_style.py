@@ -4,8 +4,8 @@ matplotlib's state is changed only while a picture of our own is made: axes that
 style.
 """
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +60,20 @@ _WIDE = 2.4
 
 def print_style(ax: "Axes | None" = None) -> AbstractContextManager[Any]:
     """Return the context in which a picture is drawn: the print style, or the caller's own where axes are given."""
-    return nullcontext() if ax is not None else require("matplotlib", "plot").rc_context(_PRINT)
+    if ax is not None:
+        return nullcontext()
+    matplotlib = require("matplotlib", "plot")
+    # A notebook's first figure switches matplotlib to interactive drawing; leaving the context must not undo that.
+    return _keeping_interaction(matplotlib, matplotlib.rc_context(_PRINT))
+
+
+@contextmanager
+def _keeping_interaction(matplotlib: Any, style: AbstractContextManager[Any]) -> Iterator[None]:
+    """The style, with whatever drawing mode the figures made in it have chosen left as it is."""
+    with style:
+        yield
+        interactive = matplotlib.is_interactive()
+    matplotlib.interactive(interactive)
 
 
 def new_figure(width: float, height: float) -> "Figure":
