@@ -15,7 +15,7 @@ from tsplinejax.plot import plot_error, plot_height_map, plot_mesh
 from tsplinejax.plot._error import signed_errors
 from tsplinejax.plot._mesh import mesh_lines
 from tsplinejax.space import spline_space
-from tsplinejax.surface import make_surface
+from tsplinejax.surface import make_surface, normals
 
 WIDE_MAP = HeightMap(np.random.default_rng(0).random((40, 2000)), (1.0, 1.0), "µm")
 
@@ -176,12 +176,17 @@ def test_error_without_tolerance(result):
     assert not _bar(ax).lines
 
 
-def test_sign_in_space_is_the_side_of_the_surface(surface_in_space):
+def test_sign_in_space_is_the_side_of_the_surface():
     """For a model in space the error is positive on the side of the normal, with the Euclidean magnitude."""
-    parameters = np.random.default_rng(0).random((40, 2))
+    generator = np.random.default_rng(0)
+    parameters = generator.random((40, 2))
+    lattice = b_lattice(2, 2)
+    place = lattice.anchors / lattice.extent[0]
+    points = np.column_stack([place, 0.1 * generator.random(25)])
+    surface_in_space = make_surface(spline_space(lattice), points, Frame((0, 0), (1, 1), "mm"))
     offset = np.where(np.arange(40) % 2, 0.1, -0.2)
-    residuals = offset[:, np.newaxis] * surface_in_space.normals(parameters)
-    samples = Samples(parameters, surface_in_space(parameters) + residuals, frame=Frame((0, 0), (1, 1), "mm"))
+    residuals = offset[:, np.newaxis] * np.asarray(normals(surface_in_space, parameters))
+    samples = Samples(parameters, np.asarray(surface_in_space(parameters)) + residuals, frame=Frame((0, 0), (1, 1), "mm"))
     result = SimpleNamespace(
         surface=surface_in_space, samples=samples, residuals=residuals, outliers=None, tolerance=0.3
     )

@@ -179,25 +179,25 @@ def _of_grid(heights: Float[np.ndarray, "rows cols"], spacing: tuple[float, floa
     if step:
         # Uniform noise of one count makes rounded differences continuous; its variance is taken off again.
         heights = heights + np.random.default_rng(0).uniform(-step / 2, step / 2, heights.shape)
-    dependence = slope_dependence(heights, spacing, extra)
     table = levels(heights)
     if not np.isfinite(table[:, -1, 0]).any():
         return NoiseEstimate(0.0, quantisation=step, note=_TOO_FEW)
-    if dependence is not None:
-        varying = _growing(heights, spacing, step, dependence)
-        if varying is not None:
-            return varying
     plateaus = [_plateau(of_direction[-1]) for of_direction in table]
     table = np.sqrt(np.maximum(table**2 - extra, 0.25 * extra))
     least = float(np.sqrt(extra))
     if _is_smooth(table):
         return NoiseEstimate(max(float(np.nanmin(table[:, -1, 0])), least), quantisation=step, note="no noise found")
     sigma = _common_level(table, plateaus)
+    if sigma is not None and sigma <= 1.5 * least:
+        return NoiseEstimate(max(sigma, least), quantisation=step, note="rounding is all the noise there is")
+    dependence = slope_dependence(heights, spacing, extra)
+    growing = None if dependence is None else _growing(heights, spacing, step, dependence)
+    if growing is not None:
+        return growing
     if sigma is None:
         return _texture(table, least, step)
     correlation, length = _correlation(table, sigma, plateaus)
-    note = "rounding is all the noise there is" if sigma <= least else ""
-    return NoiseEstimate(max(sigma, least), correlation, length, step, note=note)
+    return NoiseEstimate(sigma, correlation, length, step)
 
 
 def _growing(

@@ -141,7 +141,7 @@ def pose_fit(
     >>> while terminate(problem, state) is None:
     ...     state = advance(problem, state)
     >>> surface_of(problem, state).control_points.shape
-    (154,)
+    (120,)
     """
     request = read_request(
         data,
