@@ -186,7 +186,9 @@ def test_sign_in_space_is_the_side_of_the_surface():
     surface_in_space = make_surface(spline_space(lattice), points, Frame((0, 0), (1, 1), "mm"))
     offset = np.where(np.arange(40) % 2, 0.1, -0.2)
     residuals = offset[:, np.newaxis] * np.asarray(normals(surface_in_space, parameters))
-    samples = Samples(parameters, np.asarray(surface_in_space(parameters)) + residuals, frame=Frame((0, 0), (1, 1), "mm"))
+    samples = Samples(
+        parameters, np.asarray(surface_in_space(parameters)) + residuals, frame=Frame((0, 0), (1, 1), "mm")
+    )
     result = SimpleNamespace(
         surface=surface_in_space, samples=samples, residuals=residuals, outliers=None, tolerance=0.3
     )

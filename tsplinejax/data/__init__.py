@@ -3,7 +3,7 @@
 from ._as_data import as_data as as_data
 from ._frame import Frame as Frame
 from ._height_map import HeightMap as HeightMap
-from ._noise_level import (
+from ._noise import (
     NoiseEstimate as NoiseEstimate,
     estimate_noise as estimate_noise,
     noise_deviation as noise_deviation,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 _HALF = 3
-_LARGEST_CLUSTER = 12
+_LARGEST_CLUSTER = 16
 _FEWEST_OTHERS = 8
 
 

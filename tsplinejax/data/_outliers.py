@@ -32,10 +32,13 @@ from ._samples import Samples
 _CONTRAST = 2.0
 _CHUNK = 1 << 16
 _NEAREST = 32
+_SHARE = 0.34
 _FEW = 16
+_ENOUGH = 36
+_WIDER = (4, 6)
 _SPARSE = 0.25
 _STRAY = 20.0
-_LARGEST_CLUSTER = 12
+_LARGEST_CLUSTER = 16
 _LONGEST_EDGE = 30
 
 
@@ -100,6 +103,13 @@ def _candidates(heights: np.ndarray, valid: np.ndarray, floor: float, contrast: 
     half = pixel_half_widths(heights.shape)
     pixels = np.flatnonzero(_screen(heights, valid, contrast * floor)) if half[0] == half[1] else np.flatnonzero(valid)
     gap, count = _gaps(heights, pixels, half, floor)
+    for wider in _WIDER:
+        # At a border or beside a hole a window of seven pixels holds too few for a cluster to be the smaller part.
+        thin = np.flatnonzero(count < _ENOUGH)
+        if half[0] == half[1] and len(thin):
+            better, count[thin] = _gaps(heights, pixels[thin], (wider, wider), floor)
+            for field, value in zip(gap, better, strict=True):
+                field[thin] = value
     lonely = np.flatnonzero(count < _FEW)
     if len(lonely):
         for field, better in zip(gap, _lonely_gaps(heights, valid, pixels[lonely], floor), strict=True):
@@ -117,7 +127,7 @@ def _gaps(
     for start in range(0, len(pixels), _CHUNK):
         part = slice(start, start + _CHUNK)
         around = pixel_neighbourhoods(padded, np.stack(np.unravel_index(pixels[part], heights.shape)), half)
-        result[:, part] = upper_gap(around, heights.flat[pixels[part]], floor)
+        result[:, part] = upper_gap(around, heights.flat[pixels[part]], floor, share=_SHARE)
         counts[part] = np.count_nonzero(np.isfinite(around), axis=1)
     return Gap(*result), counts
 

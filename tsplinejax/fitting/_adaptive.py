@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..mesh import MAX_LEVEL, Refinement, bisect
-from ..space import make_blocks, pad, to_device
+from ..space import capacity_for, make_blocks, pad, to_device
 from ..surface import beside_anchors, blossom
 from ._direct import solve_directly
 from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
@@ -240,7 +240,7 @@ def _solve_step(
         for _ in range(solver.ring):
             free = grow(mesh.elements.functions, free)
         affected = np.flatnonzero(_touched(mesh, free))
-        length = max(problem.least_capacity, 4 ** int(np.ceil(np.log(len(affected) + 1) / np.log(4))))
+        length = capacity_for(len(affected), problem.least_capacity)
         system = restrict(system, to_device(pad(affected.astype(np.int32), length, -1)))
     iterations = to_device(solver.iterations, np.int32)
     solution = conjugate_gradients(system, start, _device_mask(mesh, free), iterations, to_device(TIGHT, problem.dtype))

@@ -2,7 +2,7 @@
 
 On a Bézier element each blending function is an outer product of two cubic polynomials, so a space is a padded table:
 which functions live on each element, and four Bernstein coefficients along s and t for each. Arrays are padded to
-capacities that grow fourfold; a kernel compiled for one capacity serves every mesh that fits it.
+capacities that grow fourfold, then twofold; a kernel compiled for one capacity serves every mesh that fits it.
 """
 
 from functools import partial
@@ -21,17 +21,18 @@ from ._extraction import BezierElements, bezier_elements
 from ._locate import AbstractLocator, make_locator
 
 LEAST_CAPACITY = 256
+DOUBLING_FROM = 1 << 16
 
 
 def capacity_for(count: int, least: int = LEAST_CAPACITY) -> int:
-    """The padded length for a count: `least` times a power of four.
+    """The padded length for a count: `least`, four times that, and so on; above 65 536 it doubles, to spare memory.
 
-    >>> capacity_for(300), capacity_for(256)
-    (1024, 256)
+    >>> capacity_for(300), capacity_for(256), capacity_for(70_000)
+    (1024, 256, 131072)
     """
     capacity = least
     while capacity < count:
-        capacity *= 4
+        capacity *= 4 if capacity < DOUBLING_FROM else 2
     return capacity
 
 
