@@ -35,7 +35,7 @@ def upper_gap(
     - `neighbourhoods`: (m, k), heights around each value and the value itself, NaN where missing.
     - `values`: (m,), the heights judged.
     - `floor`: the least spread, what rounding alone may do.
-    - `share`: the largest part of a neighbourhood that may stand above the gap (and never more than twelve heights).
+    - `share`: the largest part of a neighbourhood that may stand above the gap (and never more than sixteen heights).
 
     **Returns:** `Gap`; its contrast is 0 where the neighbourhood is too small to judge.
 

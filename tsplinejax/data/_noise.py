@@ -3,10 +3,10 @@
 Height maps: second differences in both directions at once, of pixels k apart, vanish on every sum f(x) + g(y) of smooth
 shapes (and on edges along the axes) and keep a known share of the noise (after Immerkaer, CVIU 64, 1996). Their size is
 taken from those blocks of the map that agree on the lowest value, so features elsewhere do not count. White noise gives
-the same figure at k = 1, 2, 4, 8; noise correlated over a Gaussian of s pixels rises to a plateau, which gives s;
-texture that reaches down to the pixel rises without one, and then texture and noise cannot be told apart. Noise that
-grows with the slope is found by regressing fourth differences, on which even narrow features leave little, on the
-slope.
+the same figure at k = 1, 2, 4, 8; noise correlated by a Gaussian or a moving average rises to a plateau, which gives its
+width; texture that reaches down to the pixel rises without one. Then texture and noise cannot be told apart, and the
+figure at k = 2 stands for both. Noise that grows with the slope is found by regressing fourth differences, on which even
+narrow features leave little, on the slope.
 
 Scattered points: distances from the plane of the twelve nearest neighbours.
 """
@@ -29,6 +29,8 @@ _STRIDES = (1, 2, 4, 8)
 _SMOOTH = 1e-4  # of the range: below it at every stride the map is taken to be smooth
 _ALL = 0.7  # of the data's own deviation: above it there is nothing but "noise"
 _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
+_UNLIKE = 0.12  # scatter of the logarithms above which levels do not look like those of filtered white noise
+_LONGEST = 2.2  # pixels; noise correlated over more is taken for texture
 _NEAREST = 12
 _PROBES = 20_000
 _TEXTURE_NOTE = (
@@ -171,20 +173,22 @@ def _correlation(levels: dict[int, float]) -> tuple[float, float, bool]:
     if len(strides) < 3 or measured[1] < 1.12 * measured[0]:
         return float(measured[0]), 0.0, False
     lengths = np.linspace(0.3, 4, 75)
-    gains = np.array([[_passed(k, s) for k in strides] for s in lengths])
-    logs = np.log(measured) - np.log(gains)
+    sides = lengths * np.sqrt(4 * np.pi)  # of the square window that correlates as many samples
+    shapes = [np.exp(-(_lags(strides)[None] ** 2) / (4 * lengths[:, None, None] ** 2))]
+    shapes.append(np.maximum(1 - _lags(strides)[None] / sides[:, None, None], 0))
+    gains = np.concatenate([(6 - 8 * near[:, 0] + 2 * near[:, 1]) / 6 for near in shapes])
+    logs = np.log(measured) - np.log(np.maximum(gains, 1e-12))
     misfit = logs.std(axis=1)
     best = int(np.argmin(misfit))
-    texture = bool(misfit[best] > 0.12 or lengths[best] > 2.2)
-    if texture:
-        return float(measured[0]), 0.0, True
-    return float(np.exp(logs[best].mean())), float(lengths[best]), False
+    length = float(lengths[best % len(lengths)])
+    if misfit[best] > _UNLIKE or length > _LONGEST:
+        return float(measured[1]), 0.0, True
+    return float(np.exp(logs[best].mean())), length, False
 
 
-def _passed(stride: int, length: float) -> float:
-    """Share of the deviation that the mixed differences keep of noise correlated over a Gaussian of this length."""
-    near, far = (np.exp(-((k * stride) ** 2) / (4 * length**2)) for k in (1, 2))
-    return float((6 - 8 * near + 2 * far) / 6)
+def _lags(strides: np.ndarray) -> np.ndarray:
+    """The distances of the pixels in a second difference: one stride and two, (2, strides)."""
+    return np.stack([strides, 2 * strides]).astype(float)
 
 
 def _smooth_slope(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 The idea, after rank-ordered differences (Garnett et al., IEEE Trans. Image Process. 14, 2005) but for clusters: sort
 the heights of a neighbourhood (7 × 7 pixels, or the 32 nearest points). Where a sample belongs to a small upper group,
-at most a quarter of the neighbourhood and at most twelve, and the gap between that group and the rest exceeds
+at most a third of the neighbourhood and at most sixteen, and the gap between that group and the rest exceeds
 `contrast` times the spread of the rest, it is a candidate. Steps, rims, ridges and peaks spread the rest as much as
 they lift the sample, so there the gap is smaller than the spread; noise of standard deviation σ spreads 49 heights by
 some 4 σ. Lower groups are upper groups of the negated heights.
@@ -12,7 +12,7 @@ end of a wall is not a spike). Beside missing samples, what is left of a pillar 
 must also exceed the steps between the map's other neighbours.
 
 No fit takes part, so nothing depends on how closely a coarse surface follows the data. What cannot be told apart: a
-real feature of at most a dozen pixels with vertical walls (dust) and a cluster of bad pixels.
+real feature of at most sixteen pixels with vertical walls (dust) and a cluster of bad pixels.
 """
 
 from typing import Any
@@ -43,7 +43,7 @@ _LONGEST_EDGE = 30
 
 
 def find_outliers(data: Any, *, contrast: float = _CONTRAST, as_surface: bool = False) -> Bool[np.ndarray, "..."]:
-    """Find isolated samples, alone or in clusters of at most a dozen, far from all their neighbours.
+    """Find isolated samples, alone or in clusters of at most sixteen, far from all their neighbours.
 
     **Arguments:**
 

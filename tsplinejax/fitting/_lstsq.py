@@ -18,6 +18,7 @@ from .._errors import InputError
 from ..space import SplineSpace, bernstein, bernstein6
 from ..surface import check_parameters
 from ._moments import Moments, sum_points
+from ._solve import descend
 from ._system import element_matrices
 
 CHUNK = 1 << 14
@@ -132,31 +133,14 @@ def _solve(
         return jnp.zeros_like(x).at[space.tables.functions].add(products) + jnp.where(absent, x, 0)
 
     tolerance = 1e-13 if space.dtype == np.float64 else 1e-7
-    iterate = partial(_conjugate_gradients, scale=scale, tolerance=tolerance)
+    iterate = partial(_solve_from_zero, scale=scale, tolerance=tolerance)
     return jax.lax.custom_linear_solve(apply, load, iterate, symmetric=True)
 
 
-def _conjugate_gradients(apply, load: Array, *, scale: Array, tolerance: float) -> Array:
-    """Solve a symmetric positive system from zero; every column on its own."""
-
-    def unfinished(state: tuple[Array, ...]) -> Array:
-        *_, energy, k = state
-        return (k < ITERATIONS) & jnp.any(energy > limit)
-
-    def iterate(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        x, r, p, energy, k = state
-        q = apply(p)
-        curvature = jnp.sum(p * q, axis=0)
-        step = jnp.where(curvature > 0, energy / jnp.where(curvature > 0, curvature, 1), 0)
-        x, r = x + step * p, r - step * q
-        new = jnp.sum(r * scale * r, axis=0)
-        return x, r, scale * r + jnp.where(energy > 0, new / jnp.where(energy > 0, energy, 1), 0) * p, new, k + 1
-
-    z = scale * load
-    energy = jnp.sum(load * z, axis=0)
-    limit = tolerance**2 * energy
-    state = (jnp.zeros_like(load), load, z, energy, jnp.zeros((), jnp.int32))
-    return jax.lax.while_loop(unfinished, iterate, state)[0]
+def _solve_from_zero(apply: Callable[[Array], Array], load: Array, *, scale: Array, tolerance: float) -> Array:
+    """Solve a symmetric positive system."""
+    limit = tolerance**2 * jnp.sum(load * scale * load, axis=0)
+    return descend(apply, jnp.zeros_like(load), load, scale, limit, jnp.asarray(ITERATIONS))[0]
 
 
 def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -> Moments:

@@ -6,6 +6,7 @@ start from the surface of the step before, exactly transferred, so every iterati
 [`GlobalSolver`][tsplinejax.GlobalSolver] all of them (Eq. 4).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -84,16 +85,43 @@ def conjugate_gradients(
         products = jnp.einsum("eij,ejd->eid", system.matrices, x[system.functions], precision="highest")
         return jnp.zeros_like(x).at[system.functions].add(products)
 
-    gradient = load - apply(start)
-    limit = tolerance**2 * jnp.sum(load * scale * load, axis=0)
+    def restricted(x: Array) -> Array:
+        return jnp.where(movable[:, None], apply(x), 0)
+
+    load_norm = jnp.sum(load * scale * load, axis=0)
+    gradient = jnp.where(movable[:, None], load - apply(start), 0)
+    x, k, energy = descend(restricted, start, gradient, scale, tolerance**2 * load_norm, iterations)
+    error = jnp.sqrt(jnp.max(energy / jnp.where(load_norm > 0, load_norm, 1)))
+    return Solution(x, k, error)
+
+
+def descend(
+    apply: Callable[[Array], Array],
+    start: Float[Array, "n d"],
+    gradient: Float[Array, "n d"],
+    scale: Float[Array, "n 1"],
+    limit: Float[Array, " d"],
+    iterations: Int[Array, ""],
+) -> tuple[Float[Array, "n d"], Int[Array, ""], Float[Array, " d"]]:
+    """Conjugate gradients with diagonal scaling; every column is a system of its own.
+
+    **Arguments:**
+
+    - `apply`: the symmetric positive matrix.
+    - `start`, `gradient`: where to begin, and load minus matrix times it.
+    - `scale`: one over the diagonal.
+    - `limit`: the loop ends where no column's scaled squared gradient exceeds it, or after `iterations`.
+
+    **Returns:** the solution, the iterations used, and the last scaled squared gradients.
+    """
 
     def unfinished(state: tuple[Array, ...]) -> Array:
-        _, _, _, energy, k = state
+        *_, energy, k = state
         return (k < iterations) & jnp.any(energy > limit)
 
     def iterate(state: tuple[Array, ...]) -> tuple[Array, ...]:
         x, r, p, energy, k = state
-        q = jnp.where(movable[:, None], apply(p), 0)
+        q = apply(p)
         curvature = jnp.sum(p * q, axis=0)
         step = jnp.where(curvature > 0, energy / jnp.where(curvature > 0, curvature, 1), 0)
         x, r = x + step * p, r - step * q
@@ -101,10 +129,7 @@ def conjugate_gradients(
         p = scale * r + jnp.where(energy > 0, new / jnp.where(energy > 0, energy, 1), 0) * p
         return x, r, p, new, k + 1
 
-    r = jnp.where(movable[:, None], gradient, 0)
-    z = scale * r
-    state = (start, r, z, jnp.sum(r * z, axis=0), jnp.zeros((), jnp.int32))
-    x, _, _, energy, k = jax.lax.while_loop(unfinished, iterate, state)
-    load_norm = jnp.sum(load * scale * load, axis=0)
-    error = jnp.sqrt(jnp.max(energy / jnp.where(load_norm > 0, load_norm, 1)))
-    return Solution(x, k, error)
+    z = scale * gradient
+    first = (start, gradient, z, jnp.sum(gradient * z, axis=0), jnp.zeros((), jnp.int32))
+    x, _, _, energy, k = jax.lax.while_loop(unfinished, iterate, first)
+    return x, k, energy
