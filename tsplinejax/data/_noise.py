@@ -1,12 +1,12 @@
 """How noisy are the data? An estimate from the data alone, and what it cannot tell.
 
-Height maps: second differences in both directions at once, of pixels k apart, vanish on every sum f(x) + g(y) of smooth
-shapes (and on edges along the axes) and keep a known share of the noise (after Immerkaer, CVIU 64, 1996). Their size is
-taken from those blocks of the map that agree on the lowest value, so features elsewhere do not count. White noise gives
-the same figure at k = 1, 2, 4, 8; noise correlated by a Gaussian or a moving average rises to a plateau, which gives its
-width; texture that reaches down to the pixel rises without one. Then texture and noise cannot be told apart, and the
-figure at k = 2 stands for both. Noise that grows with the slope is found by regressing fourth differences, on which even
-narrow features leave little, on the slope.
+Height maps: second differences in both directions at once, of pixels k apart, vanish on every sum f(x) + g(y) of
+smooth shapes (and on edges along the axes) and keep a known share of the noise (after Immerkaer, CVIU 64, 1996).
+Their size is taken from those blocks of the map that agree on the lowest value, so features elsewhere do not count.
+White noise gives the same figure at k = 1, 2, 4, 8; noise correlated by a Gaussian or a moving average rises to a
+plateau, which gives its width; texture that reaches down to the pixel rises without one. Then texture and noise
+cannot be told apart, and the figure at k = 2 stands for both. Noise that grows with the slope is found by
+regressing fourth differences, on which even narrow features leave little, on the slope.
 
 Scattered points: distances from the plane of the twelve nearest neighbours.
 """
