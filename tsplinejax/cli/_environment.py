@@ -19,7 +19,7 @@ def prepare_jax() -> None:
     folder = cache_folder()
     if folder is not None and _usable(folder):
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def cache_folder() -> Path | None:
