@@ -30,7 +30,7 @@ from ._system import System, assemble, empty_system, inherit_system, restrict
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
 # Relative gradients: where the start's and a later long solve stop, and above which it needs help.
-TIGHT, ENOUGH, ACCEPTABLE = 1e-13, 1e-8, 1e-5
+TIGHT, ENOUGH, ACCEPTABLE = 1e-13, 1e-10, 1e-5
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ class Problem:
     refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
     solver: AbstractSolver = field(default_factory=GlobalSolver)
     budget: Budget = field(default_factory=Budget)
-    stage_factor: float = 0.15
+    stage_factor: float = 0.25
 
     @property
     def data(self) -> Samples:
