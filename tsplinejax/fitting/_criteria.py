@@ -100,10 +100,10 @@ class NoiseCriterion(AbstractCriterion):
         counts = np.diff(mesh.ranges).astype(np.float64)
         d = points.shape[-1]
         sums = np.append(0.0, np.cumsum(self.variance))
-        variance = (sums[mesh.ranges[1:]] - sums[mesh.ranges[:-1]]) / np.maximum(counts, 1)
+        expected = np.diff(sums[mesh.ranges])
         squares = mesh.per_bezier(np.add, residuals.weighted)
         explained = np.asarray(explained_squares(moments, points))[: len(counts)]
-        totals = [mesh.per_element(np.add, part) for part in (squares, explained, counts, variance * counts)]
+        totals = [mesh.per_element(np.add, part) for part in (squares, explained, counts, expected)]
         squares, explained, counts, expected = totals
         variance = expected / np.maximum(counts, 1)
         freedom = np.minimum(16.0, counts) * d

@@ -50,11 +50,6 @@ class Discretisation:
         """First Bézier element of each element of the T-mesh."""
         return np.searchsorted(self.elements.owner, np.arange(self.tmesh.n_elements))
 
-    @cached_property
-    def sample_counts(self) -> Int[np.ndarray, " elements"]:
-        """Number of samples in each element of the T-mesh."""
-        return np.add.reduceat(np.diff(self.ranges), self.owner_starts)
-
     def per_bezier(self, reduce: np.ufunc, per_block: np.ndarray) -> np.ndarray:
         """Reduce a number per block to one per Bézier element (zero where it holds no samples)."""
         result = np.zeros((len(self.elements), *per_block.shape[1:]), per_block.dtype)
