@@ -9,23 +9,36 @@ cause.
 import time
 from dataclasses import dataclass, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._errors import InputError
 from ..mesh import MAX_LEVEL, Refinement, bisect
-from ..space import capacity_for, make_blocks, pad, to_device
-from ..surface import beside_anchors, blossom
+from ..space import knot_arrays, pad, to_device
+from ..surface import beside_anchors
+from ._criteria import NoiseCriterion, explained_squares
 from ._direct import solve_directly
-from ._discretisation import Discretisation, discretise, grow, same_elements, unaltered_functions
-from ._energy import bending_energy
-from ._moments import Moments, add_samples, empty_moments, inherit_moments
+from ._discretisation import Change, Discretisation, change, discretise
+from ._moments import add_samples
 from ._problem import Problem
-from ._residuals import Residuals, homogeneous_points, residuals
+from ._residuals import all_residuals, residuals
 from ._result import Step, StopReason
+from ._samples import Blocks
 from ._solve import LocalSolver, conjugate_gradients
-from ._system import System, assemble, empty_system, inherit_system, restrict
+from ._store import (
+    Chosen,
+    Store,
+    choose,
+    clear,
+    empty_store,
+    grow,
+    renew_functions,
+    renew_points,
+    renew_system,
+    transfer,
+    with_topology,
+)
+from ._tally import Tally, empty_tally
 
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
@@ -35,10 +48,16 @@ TIGHT, ENOUGH, ACCEPTABLE = 1e-13, 1e-10, 1e-5
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A step of the loop: mesh, moments, system, coefficients, residuals, and how each element fares.
+    """A step of the loop: mesh, device store, coefficients, and how each element fares.
+
+    Its device rows move on into the state that `advance` makes of it; what stays valid afterwards is the mesh, the
+    coefficients, the tally and the history.
 
     **Attributes:**
 
+    - `mesh`, `store`: topology on the host, rows of its Bézier elements on the device.
+    - `coefficients`: control points in the fit's own scale, (capacity, d), in the order of the mesh's anchors.
+    - `tally`: samples and residuals of each Bézier element.
     - `excess`: each element's measure as a multiple of the criterion's threshold.
     - `stage`: the multiple that elements are marked against.
     - `polished`: whether the coefficients come from a long solve.
@@ -47,10 +66,9 @@ class State:
     """
 
     mesh: Discretisation
-    moments: Moments
-    system: System
+    store: Store
     coefficients: Float[Array, "capacity d"]
-    residuals: Residuals
+    tally: Tally
     excess: Float[np.ndarray, " elements"]
     stage: float
     polished: bool
@@ -63,84 +81,87 @@ class State:
         """Largest excess of any element: at most one where the criterion is met."""
         return float(self.excess.max())
 
+    @property
+    def alive(self) -> bool:
+        """Whether the device rows are still this state's own."""
+        return not self.store.points.is_deleted()
+
 
 def begin(problem: Problem) -> State:
     """Fit the start lattice."""
     started = time.perf_counter()
-    mesh = discretise(
-        problem.start,
-        problem.order,
-        dtype=problem.dtype,
-        rational=problem.rational,
-        least_capacity=problem.least_capacity,
-    )
-    d = problem.data.dimension
-    moments = empty_moments(mesh.space, d)
-    moments = add_samples(moments, mesh.space, problem.samples, mesh.blocks, problem.tile_length)
-    system = _update(problem, mesh, moments, empty_system(mesh.space, d), np.arange(len(mesh.elements)))
-    zeros = to_device(np.zeros((mesh.capacity, d)), problem.dtype)
-    coefficients = _solve_long(problem, mesh, system, zeros, TIGHT)
-    return _measure(problem, mesh, moments, system, coefficients, np.inf, True, (), started)
+    mesh = discretise(problem.start, problem.least_capacity)
+    store = _fresh_store(problem, mesh)
+    coefficients = to_device(np.zeros((mesh.capacity, problem.dimension)), problem.dtype)
+    store, tally = _accumulate(problem, mesh, store, coefficients, empty_tally(len(mesh.slots)), mesh.slots)
+    store = _assemble(problem, store, _every(mesh))
+    coefficients = _solve_long(problem, mesh, store, coefficients, TIGHT)
+    state = State(mesh, store, coefficients, tally, np.zeros(0), np.inf, True, (), started)
+    return _measured(problem, state, mesh.slots, started)
 
 
 def advance(problem: Problem, state: State) -> State:
-    """One step: mark, refine, transfer, and solve for as much as the solver wants."""
+    """One step: mark, refine, transfer, and solve for as much as the solver wants.
+
+    The device rows of `state` are used up.
+
+    **Raises:** `InputError` for a state that was advanced before.
+    """
+    if not state.alive:
+        raise InputError("a state is advanced once: its device arrays moved on into the next one; advance that instead")
     started = time.perf_counter()
     refinement, stage = _refine(problem, state)
     if refinement is None:
         return replace(state, exhausted=True)
-    mesh = discretise(
-        refinement.mesh,
-        problem.order,
-        dtype=problem.dtype,
-        rational=problem.rational,
-        least_capacity=problem.least_capacity,
-    )
-    kept = unaltered_functions(state.mesh.tmesh, mesh.tmesh)
-    coefficients = _transfer(problem, state, mesh, kept)
-    source = same_elements(state.mesh.elements, mesh.elements)
-    if problem.rational:  # Σb changes weights and values of every altered neighbourhood: sum all of it again
-        source = np.full_like(source, -1)
-    changed = np.flatnonzero(source < 0)
-    device_source = to_device(pad(source.astype(np.int32), mesh.capacity, -1))
-    moments = inherit_moments(state.moments, device_source)
-    blocks = make_blocks(mesh.ranges, changed)
-    moments = add_samples(moments, mesh.space, problem.samples, blocks, problem.tile_length)
-    altered_elements = _touched(mesh, kept < 0) | (source < 0)
-    inherited = empty_system(mesh.space, problem.data.dimension)
-    if state.system.matrices.shape[1] == inherited.matrices.shape[1]:
-        inherited = inherit_system(state.system, mesh.space.tables.functions, device_source)
+    step = change(state.mesh, refinement.mesh, problem.least_capacity)
+    mesh = step.mesh
+    coefficients = _transferred(problem, state, step)
+    if problem.rational:  # Σb changes weights and values of every altered neighbourhood: all of it is summed anew
+        store, changed, touched = _fresh_store(problem, mesh), mesh.slots, mesh.slots
     else:
-        altered_elements[:] = True
-    system = _update(problem, mesh, moments, inherited, np.flatnonzero(altered_elements))
-    coefficients = _solve_step(problem, mesh, system, coefficients, kept < 0)
-    return _measure(problem, mesh, moments, system, coefficients, stage, False, state.history, started, state)
+        store = state.store if state.store.capacity == mesh.capacity else grow(state.store, mesh.capacity)
+        changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
+        store = _with_mesh(mesh, store, touched)
+    store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
+    store = _assemble(problem, store, choose(touched, mesh.capacity))
+    coefficients, affected = _solve_step(problem, mesh, store, coefficients, step.kept < 0)
+    after = replace(state, mesh=mesh, store=store, coefficients=coefficients, tally=tally, stage=stage, polished=False)
+    return _measured(problem, after, mesh.slots if problem.rational else affected, started)
 
 
 def polish(problem: Problem, state: State) -> State:
     """The same step after a long solve for all control points."""
     started = time.perf_counter() - state.history[-1].seconds
-    coefficients = _solve_long(problem, state.mesh, state.system, state.coefficients, ENOUGH)
-    return _measure(
-        problem,
-        state.mesh,
-        state.moments,
-        state.system,
-        coefficients,
-        state.stage,
-        True,
-        state.history[:-1],
-        started,
-        state,
-    )
+    coefficients = _solve_long(problem, state.mesh, state.store, state.coefficients, ENOUGH)
+    return with_coefficients(problem, replace(state, polished=True), coefficients, started)
+
+
+def with_coefficients(problem: Problem, state: State, coefficients: Array, started: float) -> State:
+    """The same step with other coefficients, measured anew."""
+    after = replace(state, coefficients=coefficients, history=state.history[:-1])
+    return _measured(problem, after, state.mesh.slots, started)
+
+
+def revived(problem: Problem, state: State) -> State:
+    """A state whose device rows moved on, with rows of its own again; without moments and normal matrices."""
+    if state.alive:
+        return state
+    slots = np.arange(len(state.mesh.slots))
+    mesh = replace(state.mesh, slots=slots)
+    again = replace(state, mesh=mesh, store=_fresh_store(problem, mesh), tally=empty_tally(len(slots)))
+    started = time.perf_counter() - state.history[-1].seconds
+    return with_coefficients(problem, again, state.coefficients, started)
 
 
 def remeasure(problem: Problem, state: State) -> State:
     """The same mesh for a problem with another smoothing: assembled and solved anew."""
-    system = empty_system(state.mesh.space, problem.data.dimension)
-    every = np.arange(len(state.mesh.elements))
-    system = _update(problem, state.mesh, state.moments, system, every)
-    return polish(problem, replace(state, system=system))
+    return polish(problem, replace(state, store=_assemble(problem, state.store, _every(state.mesh))))
+
+
+def residuals_of(problem: Problem, state: State) -> Float[np.ndarray, "m d"]:
+    """The residual of every sample, in the fit's own scale and the order of the data."""
+    blocks = problem.samples.blocks(state.mesh.elements, np.arange(len(state.mesh.slots)), state.mesh.slots)
+    return all_residuals(problem.samples, blocks, state.store.points, state.store.boxes, problem.lattice)
 
 
 def terminate(problem: Problem, state: State) -> StopReason | None:
@@ -164,15 +185,12 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
 
     A single sample is still worth a few cuts: the functions around it need narrower supports to follow it alone.
     """
-    codes, tmesh = problem.order.codes, state.mesh.tmesh
-    first = state.mesh.ranges[state.mesh.owner_starts]
-    last = np.append(first[1:], len(codes)) - 1
-    several = last > first
-    several[several] = codes[first[several]] != codes[last[several]]
+    tmesh = state.mesh.tmesh
+    places = problem.samples.places_in(tmesh)
     assert tmesh.forest is not None
     areas = 0.5**tmesh.levels / np.prod(tmesh.forest.lattice)
-    single = (last == first) & (areas * problem.n_samples > SMALLEST)
-    return (several | single) & (tmesh.levels < MAX_LEVEL)
+    single = (places == 1) & (areas * problem.n_samples > SMALLEST)
+    return ((places > 1) | single) & (tmesh.levels < MAX_LEVEL)
 
 
 def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"], float]:
@@ -200,104 +218,137 @@ def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
     return None, stage
 
 
-def _touched(mesh: Discretisation, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:
-    """Bézier elements on which a chosen function lives."""
-    functions = mesh.elements.functions
-    return np.any(chosen[np.maximum(functions, 0)] & (functions >= 0), axis=1)
+def _every(mesh: Discretisation) -> Chosen:
+    """All device rows of a mesh."""
+    return choose(mesh.slots, mesh.capacity)
 
 
-def _update(problem: Problem, mesh: Discretisation, moments: Moments, system: System, elements: np.ndarray) -> System:
-    """Assemble the matrices of these elements anew."""
-    return assemble(system, mesh.space, moments, problem.smoothing, problem.extent, elements)
+def _fresh_store(problem: Problem, mesh: Discretisation) -> Store:
+    """A store of this mesh alone, without samples."""
+    d = problem.dimension
+    width = mesh.elements.functions.shape[1]
+    store = empty_store(mesh.capacity, width, d, d + problem.rational, problem.dtype)
+    return _with_mesh(mesh, store, mesh.slots)
 
 
-def _transfer(problem: Problem, state: State, mesh: Discretisation, kept: np.ndarray) -> Array:
+def _with_mesh(mesh: Discretisation, store: Store, touched: np.ndarray) -> Store:
+    """The store with the topology of a mesh, and the functions of the touched elements extracted anew."""
+    store = with_topology(store, mesh.by_slot(mesh.elements.functions), mesh.by_slot(mesh.elements.boxes))
+    dtype = np.dtype(store.along_s.dtype)
+    knots = knot_arrays(mesh.tmesh, mesh.tmesh.local_knots, mesh.capacity, dtype)
+    return renew_functions(store, knots, choose(touched, mesh.capacity))
+
+
+def _accumulate(
+    problem: Problem, mesh: Discretisation, store: Store, coefficients: Array, tally: Tally, changed: np.ndarray
+) -> tuple[Store, Tally]:
+    """Sum the samples of the changed elements (device rows) anew."""
+    sums = None
+    if problem.rational:
+        store, _ = renew_points(store, coefficients, problem.extent, problem.lattice, _every(mesh))
+        sums = store.points[..., -1:]
+    blocks = _blocks(problem, mesh, changed)
+    moments = clear(store.moments, choose(changed, mesh.capacity))
+    moments, counts = add_samples(moments, problem.samples, blocks, store.boxes, problem.lattice, len(changed), sums)
+    return replace(store, moments=moments), tally.with_counts(changed, counts)
+
+
+def _blocks(problem: Problem, mesh: Discretisation, slots: np.ndarray) -> Blocks:
+    """Blocks of the samples in the elements with these device rows."""
+    place = np.empty(len(mesh.slots), np.int64)
+    place[mesh.slots] = np.arange(len(mesh.slots))
+    return problem.samples.blocks(mesh.elements, place[slots], slots)
+
+
+def _assemble(problem: Problem, store: Store, chosen: Chosen) -> Store:
+    """Matrices and loads of the chosen elements."""
+    return renew_system(store, problem.smoothing, problem.extent, problem.lattice, chosen)
+
+
+def _transferred(problem: Problem, state: State, step: Change) -> Array:
     """Coefficients of the old surface in the new space; functions that did not change keep theirs to the bit."""
-    points = homogeneous_points(state.mesh.space, state.coefficients)
-    places = beside_anchors(state.mesh.tmesh, state.mesh.elements, mesh.tmesh, mesh.capacity)
-    moved = blossom(points, *places)
-    source = to_device(pad(kept.astype(np.int32), mesh.capacity, -1))
-    return _keep(moved, state.coefficients, source)
-
-
-@jax.jit
-def _keep(moved: Array, old: Array, source: Array) -> Array:
-    """Old coefficients where `source` names one, else the moved ones, divided by their Σb where they carry it."""
-    d = old.shape[1]
-    if moved.shape[1] > d:
-        moved = moved[:, :d] / jnp.where(moved[:, d:] > 0, moved[:, d:], 1)
-    return jnp.where((source >= 0)[:, None], old[jnp.maximum(source, 0)], moved)
+    mesh, old = step.mesh, state.mesh
+    altered = np.flatnonzero(step.kept < 0)
+    element, knots = beside_anchors(old.tmesh, old.elements, mesh.tmesh, altered)
+    return transfer(
+        state.coefficients,
+        state.store.points,
+        to_device(pad(step.kept.astype(np.int32), mesh.capacity, -1)),
+        choose(altered, mesh.capacity),
+        to_device(pad(old.slots[element].astype(np.int32), mesh.capacity, 0)),
+        to_device(pad(knots, mesh.capacity, 0), problem.dtype),
+    )
 
 
 def _solve_step(
-    problem: Problem, mesh: Discretisation, system: System, start: Array, altered: Bool[np.ndarray, " n"]
-) -> Array:
-    """The step's own solve: a few iterations for all control points, or the altered ones and their rings."""
+    problem: Problem, mesh: Discretisation, store: Store, start: Array, altered: Bool[np.ndarray, " n"]
+) -> tuple[Array, np.ndarray]:
+    """The step's own solve, a few iterations for all control points or the altered ones and their rings.
+
+    Also returns the device rows of the elements on which it acts.
+    """
     solver = problem.solver
-    free = np.ones(len(altered), bool)
+    free, affected = np.ones(len(altered), bool), mesh.slots
     if isinstance(solver, LocalSolver):
         free = altered
         for _ in range(solver.ring):
-            free = grow(mesh.elements.functions, free)
-        affected = np.flatnonzero(_touched(mesh, free))
-        length = capacity_for(len(affected), problem.least_capacity)
-        system = restrict(system, to_device(pad(affected.astype(np.int32), length, -1)))
-    iterations = to_device(solver.iterations, np.int32)
-    solution = conjugate_gradients(system, start, _device_mask(mesh, free), iterations, to_device(TIGHT, problem.dtype))
-    return solution.coefficients
+            free = mesh.with_neighbours(free)
+        affected = mesh.slots[mesh.touched_by(free)]
+    solution = conjugate_gradients(
+        store.system,
+        choose(affected, mesh.capacity),
+        start,
+        to_device(pad(free, mesh.capacity, False)),
+        to_device(solver.iterations, np.int32),
+        to_device(TIGHT, problem.dtype),
+    )
+    return solution.coefficients, affected
 
 
-def _solve_long(problem: Problem, mesh: Discretisation, system: System, start: Array, tolerance: float) -> Array:
+def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Array, tolerance: float) -> Array:
     """Solve for all control points to the end; a sparse factorisation helps where iterations do not get there."""
-    free = _device_mask(mesh, np.ones(mesh.tmesh.n_anchors, bool))
+    n = mesh.tmesh.n_anchors
     tight = max(tolerance, 10 * float(np.finfo(problem.dtype).eps))
     solution = conjugate_gradients(
-        system, start, free, to_device(LONG_SOLVE, np.int32), to_device(tight, problem.dtype)
+        store.system,
+        _every(mesh),
+        start,
+        to_device(np.arange(mesh.capacity) < n),
+        to_device(LONG_SOLVE, np.int32),
+        to_device(tight, problem.dtype),
     )
     if float(solution.error) > max(ACCEPTABLE, tight):
-        exact = solve_directly(system, solution.coefficients, mesh.tmesh.n_anchors)
+        exact = solve_directly(store.system, solution.coefficients, n)
         return solution.coefficients if exact is None else exact
     return solution.coefficients
 
 
-def _device_mask(mesh: Discretisation, free: Bool[np.ndarray, " n"]) -> Array:
-    return to_device(pad(free, mesh.capacity, False))
+def _measured(problem: Problem, state: State, affected: np.ndarray, started: float) -> State:
+    """The state with residuals of the affected elements (device rows), every excess, and its line in the history."""
+    mesh, tally, chosen = state.mesh, state.tally, choose(affected, state.mesh.capacity)
+    store, energy = renew_points(state.store, state.coefficients, problem.extent, problem.lattice, chosen)
+    blocks = _blocks(problem, mesh, affected)
+    rest = residuals(problem.samples, blocks, store.points, store.boxes, problem.lattice, len(affected))
+    tally = tally.with_residuals(affected, rest, np.asarray(energy)[: len(affected)])
+    if isinstance(problem.criterion, NoiseCriterion):
+        explained = np.asarray(explained_squares(store.moments, store.points, chosen))
+        tally = tally.with_explained(affected, explained[: len(affected)])
+    excess = problem.criterion.excess(mesh, tally, problem.dimension)
+    after = replace(state, store=store, tally=tally, excess=excess)
+    return replace(after, history=(*state.history, _entry(problem, after, started)))
 
 
-def _measure(
-    problem: Problem,
-    mesh: Discretisation,
-    moments: Moments,
-    system: System,
-    coefficients: Array,
-    stage: float,
-    polished: bool,
-    history: tuple[Step, ...],
-    started: float,
-    before: State | None = None,
-) -> State:
-    """Residuals, excess and the step's entry in the history."""
-    points = homogeneous_points(mesh.space, coefficients)
-    rest = residuals(mesh.space, points, problem.samples, mesh.blocks, problem.tile_length)
-    polynomial = points[..., : problem.data.dimension] if problem.rational else points
-    excess = problem.criterion.excess(mesh, moments, polynomial, rest)
-    energy = float(bending_energy(polynomial, mesh.space.tables.size, problem.extent))
-    clock = started if before is None else before.started
-    state = State(mesh, moments, system, coefficients, rest, excess, stage, polished, history, clock)
-    return replace(state, history=(*history, _entry(problem, state, energy, started)))
-
-
-def _entry(problem: Problem, state: State, energy: float, started: float) -> Step:
+def _entry(problem: Problem, state: State, started: float) -> Step:
     """The step's line in the history, in the data's unit."""
-    factor, rest = problem.scaling.factor, state.residuals
-    error = float(rest.plain.sum(dtype=np.float64))
-    objective = float(rest.weighted.sum(dtype=np.float64)) + problem.smoothing * energy
+    factor, tally = problem.scaling.factor, state.tally
+    error = float(tally.plain.sum())
+    objective = float(tally.weighted.sum()) + problem.smoothing * float(tally.energy.sum())
     signal, centred = problem.signal
     return Step(
         step=len(state.history),
         control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
-        max_error=float(rest.largest.max()) * factor,
+        max_error=float(tally.largest.max()) * factor,
         rms_error=float(np.sqrt(error / problem.n_counted)) * factor,
         snr_db=_decibel(signal, error * factor**2),
         snr_db_centred=_decibel(centred, error * factor**2),

@@ -21,9 +21,10 @@ from jaxtyping import Array, Float
 from ..data import NoiseEstimate, Samples, noise_deviation
 from ._discretisation import Discretisation
 from ._moments import Moments
-from ._residuals import Residuals
 from ._result import StopReason
+from ._store import Chosen, over
 from ._system import bernstein_mass
+from ._tally import Tally
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +41,7 @@ class AbstractCriterion:
         """What a multiple of the threshold is in the data's unit, if anything; `factor` scales fitted values to it."""
 
     @abstractmethod
-    def excess(
-        self, mesh: Discretisation, moments: Moments, points: Array, residuals: Residuals
-    ) -> Float[np.ndarray, " elements"]:
+    def excess(self, mesh: Discretisation, tally: Tally, dimension: int) -> Float[np.ndarray, " elements"]:
         """Each element's measure as a multiple of its threshold: above one it violates the criterion."""
 
 
@@ -61,12 +60,9 @@ class ToleranceCriterion(AbstractCriterion):
         """The multiple of the tolerance, in the data's unit."""
         return multiple * self.tolerance * factor
 
-    def excess(
-        self, mesh: Discretisation, moments: Moments, points: Array, residuals: Residuals
-    ) -> Float[np.ndarray, " elements"]:
+    def excess(self, mesh: Discretisation, tally: Tally, dimension: int) -> Float[np.ndarray, " elements"]:
         """Largest residual over tolerance."""
-        largest = mesh.per_element(np.maximum, mesh.per_bezier(np.maximum, residuals.largest))
-        return largest / self.tolerance
+        return mesh.per_element(np.maximum, tally.largest) / self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +71,10 @@ class NoiseCriterion(AbstractCriterion):
 
     **Attributes:**
 
-    - `variance`: noise variance of each sorted sample times its weight, (m,).
     - `correlated`: number of samples κ over which the noise is correlated (1 for white noise).
     - `significance`: standard deviations of the test.
     """
 
-    variance: Float[np.ndarray, " m"]
     correlated: float = 1.0
     significance: float = 3.0
 
@@ -93,18 +87,11 @@ class NoiseCriterion(AbstractCriterion):
         """Nothing: the test has thresholds of its own."""
         return None
 
-    def excess(
-        self, mesh: Discretisation, moments: Moments, points: Array, residuals: Residuals
-    ) -> Float[np.ndarray, " elements"]:
+    def excess(self, mesh: Discretisation, tally: Tally, dimension: int) -> Float[np.ndarray, " elements"]:
         """Root of the larger of both statistics over its threshold: an error ratio, like the tolerance's."""
-        counts = np.diff(mesh.ranges).astype(np.float64)
-        d = points.shape[-1]
-        sums = np.append(0.0, np.cumsum(self.variance))
-        expected = np.diff(sums[mesh.ranges])
-        squares = mesh.per_bezier(np.add, residuals.weighted)
-        explained = np.asarray(explained_squares(moments, points))[: len(counts)]
-        totals = [mesh.per_element(np.add, part) for part in (squares, explained, counts, expected)]
-        squares, explained, counts, expected = totals
+        parts = (tally.weighted, tally.explained, tally.counts, tally.variance)
+        squares, explained, counts, expected = (mesh.per_element(np.add, part) for part in parts)
+        d = dimension
         variance = expected / np.maximum(counts, 1)
         freedom = np.minimum(16.0, counts) * d
         share = np.minimum(self.correlated * freedom, counts * d)
@@ -116,11 +103,11 @@ class NoiseCriterion(AbstractCriterion):
 FLOOR = 1.5e-4  # of the range: below it "noise" is round-off and quantisation of the arithmetic
 
 
-def noise_criterion(noise: NoiseEstimate, samples: Samples, factor: float, permutation: np.ndarray) -> NoiseCriterion:
-    """The criterion for a noise estimate; `factor` scales fitted values to the data's unit."""
+def noise_variance(noise: NoiseEstimate, samples: Samples, factor: float) -> Float[np.ndarray, " m"]:
+    """Noise variance of each sample times its weight; `factor` scales fitted values to the data's unit."""
     deviation = np.maximum(noise_deviation(noise, samples) / factor, FLOOR)
     weights = 1.0 if samples.weights is None else samples.weights
-    return NoiseCriterion((weights * deviation**2)[permutation], noise.correlated_samples)
+    return weights * deviation**2
 
 
 def _ratio(
@@ -134,14 +121,24 @@ def _ratio(
 
 
 @jax.jit
-def explained_squares(moments: Moments, points: Float[Array, "e 4 4 d"]) -> Float[Array, " e"]:
-    """The part of each element's Σ w r² that a bicubic patch of its own would explain; no pass over the samples."""
-    mass = bernstein_mass(moments.mass)
-    count = len(mass)
-    load = moments.load.reshape(count, 16, -1)
-    rest = load - jnp.einsum("eab,ebd->ead", mass, points.reshape(count, 16, -1), precision="highest")
-    # A ridge far below the mass keeps elements with few samples solvable and the statistic a lower bound.
-    ridge = 1e-9 * jnp.trace(mass, axis1=1, axis2=2) + jnp.finfo(mass.dtype).tiny * 1e10
-    factor = jnp.linalg.cholesky(mass + ridge[:, None, None] * jnp.eye(16, dtype=mass.dtype))
-    whitened = jax.scipy.linalg.solve_triangular(factor, rest, lower=True)
-    return jnp.sum(whitened**2, axis=(1, 2))
+def explained_squares(
+    moments: Moments, points: Float[Array, "capacity 4 4 c"], chosen: Chosen
+) -> Float[Array, " capacity"]:
+    """The part of each chosen element's Σ w r² that a bicubic patch of its own would explain, in the list's order.
+
+    It comes from moments, without a pass over the samples.
+    """
+    d = moments.load.shape[-1]
+    place = Chosen(jnp.arange(len(chosen.rows)), chosen.count)
+
+    def turn(at: Array, real: Array, carry: Array) -> Array:
+        rows = chosen.rows[at]
+        mass, load = bernstein_mass(moments.mass[rows]), moments.load[rows].reshape(len(rows), 16, d)
+        rest = load - jnp.matmul(mass, points[rows][..., :d].reshape(len(rows), 16, d), precision="highest")
+        # A ridge far below the mass keeps elements with few samples solvable and the statistic a lower bound.
+        ridge = 1e-9 * jnp.trace(mass, axis1=1, axis2=2) + jnp.finfo(mass.dtype).tiny * 1e10
+        factor = jnp.linalg.cholesky(mass + ridge[:, None, None] * jnp.eye(16, dtype=mass.dtype))
+        whitened = jax.scipy.linalg.solve_triangular(factor, rest, lower=True)
+        return carry.at[jnp.where(real, at, len(carry))].set(jnp.sum(whitened**2, axis=(1, 2)), mode="drop")
+
+    return over(place, turn, jnp.zeros(len(chosen.rows), points.dtype))

@@ -22,6 +22,7 @@ def solve_directly(
     from scipy.sparse.linalg import splu
 
     functions, matrices, loads = (np.asarray(part) for part in (system.functions, system.matrices, system.loads))
+    functions = np.maximum(functions, 0)  # padded rows hold zeros
     k = functions.shape[1]
     rows = np.repeat(functions, k, axis=1).ravel()
     columns = np.tile(functions, (1, k)).ravel()

@@ -1,4 +1,4 @@
-"""A T-mesh made ready for a fit: Bézier elements, spline space, and the samples' blocks on it."""
+"""A T-mesh made ready for a fit: its Bézier elements, and the device rows they keep from step to step."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,70 +7,96 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..mesh import TMesh, anchor_codes
-from ..space import (
-    BezierElements,
-    Blocks,
-    Order,
-    SplineSpace,
-    bezier_elements,
-    capacity_for,
-    make_blocks,
-    sample_ranges,
-    spline_space,
-)
+from ..space import BezierElements, bezier_elements, capacity_for
 
 
 @dataclass(frozen=True, eq=False)
 class Discretisation:
-    """Topology on the host, space on the device, and which samples lie in which Bézier element.
+    """Topology on the host, and where its Bézier elements live on the device.
 
     **Attributes:**
 
-    - `tmesh`, `elements`, `space`: the mesh, its Bézier elements and its spline space.
-    - `ranges`: first sorted sample of each Bézier element and, last, their number.
+    - `tmesh`, `elements`: the mesh and its Bézier elements, in the order of their codes.
+    - `slots`: device row of each Bézier element; the rows 0 ... number of elements - 1 are all in use.
+    - `capacity`: padded length of the device arrays.
     """
 
     tmesh: TMesh
     elements: BezierElements
-    space: SplineSpace
-    ranges: Int[np.ndarray, " bezier_1"]
-
-    @property
-    def capacity(self) -> int:
-        """Padded length of the device arrays."""
-        return self.space.capacity
-
-    @cached_property
-    def blocks(self) -> Blocks:
-        """Blocks of all samples."""
-        return make_blocks(self.ranges, np.arange(len(self.elements)))
+    slots: Int[np.ndarray, " bezier"]
+    capacity: int
 
     @cached_property
     def owner_starts(self) -> Int[np.ndarray, " elements"]:
         """First Bézier element of each element of the T-mesh."""
         return np.searchsorted(self.elements.owner, np.arange(self.tmesh.n_elements))
 
-    def per_bezier(self, reduce: np.ufunc, per_block: np.ndarray) -> np.ndarray:
-        """Reduce a number per block to one per Bézier element (zero where it holds no samples)."""
-        result = np.zeros((len(self.elements), *per_block.shape[1:]), per_block.dtype)
-        element = self.blocks.element
-        if len(element):
-            first = np.flatnonzero(np.diff(element, prepend=-1))
-            result[element[first]] = reduce.reduceat(per_block, first, axis=0)
+    def per_element(self, reduce: np.ufunc, by_slot: np.ndarray) -> np.ndarray:
+        """Reduce a number per device row to one per element of the T-mesh."""
+        return reduce.reduceat(by_slot[self.slots], self.owner_starts, axis=0)
+
+    def by_slot(self, per_bezier: np.ndarray) -> np.ndarray:
+        """Rows of the Bézier elements in the order of their slots."""
+        result = np.empty_like(per_bezier)
+        result[self.slots] = per_bezier
         return result
 
-    def per_element(self, reduce: np.ufunc, per_bezier: np.ndarray) -> np.ndarray:
-        """Reduce a number per Bézier element to one per element of the T-mesh."""
-        return reduce.reduceat(per_bezier, self.owner_starts, axis=0)
+    def touched_by(self, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:
+        """Bézier elements on which a chosen function lives."""
+        functions = self.elements.functions
+        return np.any(chosen[np.maximum(functions, 0)] & (functions >= 0), axis=1)
+
+    def with_neighbours(self, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """The chosen functions and all that share a Bézier element with one of them."""
+        functions = self.elements.functions[self.touched_by(chosen)]
+        grown = chosen.copy()
+        grown[functions[functions >= 0]] = True
+        return grown
 
 
-def discretise(tmesh: TMesh, order: Order, *, dtype: np.dtype, rational: bool, least_capacity: int) -> Discretisation:
-    """Extract a T-mesh's space and find the samples of its elements."""
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What a refinement left as it was.
+
+    **Attributes:**
+
+    - `mesh`: the refined mesh.
+    - `kept`: for each new blending function the index of the same old one (same anchor and knots), or -1.
+    - `changed`: Bézier elements that are new.
+    - `touched`: Bézier elements that are new, or on which a new or altered function lives.
+    """
+
+    mesh: Discretisation
+    kept: Int[np.ndarray, " new_functions"]
+    changed: Bool[np.ndarray, " bezier"]
+    touched: Bool[np.ndarray, " bezier"]
+
+
+def discretise(tmesh: TMesh, least_capacity: int) -> Discretisation:
+    """A mesh on its own: slots in the order of the codes."""
     elements = bezier_elements(tmesh)
-    assert elements.codes is not None
-    capacity = capacity_for(max(len(elements), tmesh.n_anchors), least_capacity)
-    space = spline_space(tmesh, dtype=dtype, rational=rational, elements=elements, capacity=capacity)
-    return Discretisation(tmesh, elements, space, sample_ranges(order, elements.codes))
+    return Discretisation(tmesh, elements, np.arange(len(elements)), _capacity(tmesh, elements, least_capacity))
+
+
+def change(old: Discretisation, tmesh: TMesh, least_capacity: int) -> Change:
+    """A refined mesh, whose unchanged Bézier elements keep their slots."""
+    elements = bezier_elements(tmesh)
+    source = same_elements(old.elements, elements)
+    slots = np.empty(len(elements), np.int64)
+    same = source >= 0
+    slots[same] = old.slots[source[same]]
+    left = np.ones(len(old.elements), bool)
+    left[source[same]] = False
+    slots[~same] = np.concatenate([old.slots[left], np.arange(len(old.elements), len(elements))])
+    capacity = max(old.capacity, _capacity(tmesh, elements, least_capacity))
+    mesh = Discretisation(tmesh, elements, slots, capacity)
+    kept = unaltered_functions(old.tmesh, tmesh)
+    return Change(mesh, kept, ~same, ~same | mesh.touched_by(kept < 0))
+
+
+def _capacity(tmesh: TMesh, elements: BezierElements, least: int) -> int:
+    """The padded length for a mesh."""
+    return capacity_for(max(len(elements), tmesh.n_anchors), least)
 
 
 def same_elements(old: BezierElements, new: BezierElements) -> Int[np.ndarray, " new"]:
@@ -89,12 +115,3 @@ def unaltered_functions(old: TMesh, new: TMesh) -> Int[np.ndarray, " new"]:
     place = np.minimum(np.searchsorted(old_codes, new_codes), len(old_codes) - 1)
     same = (old_codes[place] == new_codes) & (old.local_knots[place] == new.local_knots).all(axis=(1, 2))
     return np.where(same, place, -1)
-
-
-def grow(functions: Int[np.ndarray, "bezier K"], chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """The chosen functions and their neighbours: all that share a Bézier element with one of them."""
-    table = np.where(functions >= 0, functions, 0)
-    touched = (chosen[table] & (functions >= 0)).any(axis=1)
-    grown = chosen.copy()
-    grown[table[touched][functions[touched] >= 0]] = True
-    return grown

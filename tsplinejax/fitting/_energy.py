@@ -5,7 +5,6 @@ smoothing weight λ do not depend on the unit of length. A linear smoothing of w
 transmits a wave of length L with 1 / (1 + (λc / L)⁴), where λ = m (λc / 2π)⁴ and λc is in the same unit of length.
 """
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -26,17 +25,15 @@ def element_energy(
     return s[2] * t[0] * height / width**3 + 2 * s[1] * t[1] / (width * height) + s[0] * t[2] * width / height**3
 
 
-@jax.jit
-def bending_energy(
-    points: Float[Array, "e 4 4 d"], size: Float[Array, "e 2"], extent: Float[Array, " 2"]
-) -> Float[Array, ""]:
-    """The energy of polynomial pieces with these Bézier points on elements of these sizes in parameters."""
-    sides = size * extent
-    total = jnp.zeros((), points.dtype)
+def piece_energies(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) -> Float[Array, " e"]:
+    """The energy of each polynomial piece with these Bézier points, on an element with these physical sides."""
+    total = jnp.zeros(len(points), points.dtype)
     for order_s, order_t, factor in ((2, 0, 1), (1, 1, 2), (0, 2, 1)):
-        gram_s, gram_t = (jnp.asarray(gram(order), points.dtype) for order in (order_s, order_t))
-        pieces = jnp.einsum("eabd,ac,bf,ecfd->e", points, gram_s, gram_t, points, precision="highest")
-        total += factor * jnp.sum(pieces * sides[:, 0] ** (1 - 2 * order_s) * sides[:, 1] ** (1 - 2 * order_t))
+        gram_s, gram_t = (np.asarray(gram(order)) for order in (order_s, order_t))
+        half = [sum(gram_s[a, c] * points[:, c] for c in range(4)) for a in range(4)]
+        full = [[sum(gram_t[b, f] * half[a][:, f] for f in range(4)) for b in range(4)] for a in range(4)]
+        pieces = sum(jnp.sum(full[a][b] * points[:, a, b], axis=-1) for a in range(4) for b in range(4))
+        total += factor * pieces * sides[:, 0] ** (1 - 2 * order_s) * sides[:, 1] ** (1 - 2 * order_t)
     return total
 
 

@@ -11,17 +11,17 @@ from numpy.typing import DTypeLike
 from .._errors import InputError
 from .._version import __version__
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, require_forest
-from ..space import resolve_dtype
+from ..space import resolve_dtype, spline_space
 from ..surface import TSpline, make_surface
-from ._adaptive import State
-from ._criteria import AbstractCriterion, ToleranceCriterion, noise_criterion
+from ._adaptive import State, residuals_of
+from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
 from ._energy import default_smoothing
 from ._options import Length, Request, read_request
 from ._problem import Budget, Problem, pose, start_lattice
 from ._result import FitResult, StopReason
 from ._run import Run, run, run_best_lattice
 from ._smoothing import smooth_automatically
-from ._solve import AbstractSolver, GlobalSolver
+from ._solve import AbstractSolver, LocalSolver
 
 
 def fit(
@@ -55,7 +55,7 @@ def fit(
     - `noise`: stop where residuals are no longer significantly above the noise: `"auto"` estimates it, a number is its
       standard deviation. At most one of these three; `"auto"` noise when none is given.
     - `refinement`: `AnalysisSuitable()` (default) or `Dyadic()`, the paper's.
-    - `solver`: `GlobalSolver()` (default) or `LocalSolver()`; `Dyadic()` with `LocalSolver(ring=0)` is the paper's
+    - `solver`: `LocalSolver()` (default) or `GlobalSolver()`; `Dyadic()` with `LocalSolver(ring=0)` is the paper's
       algorithm.
     - `lattice`: start lattice (M, N), M elements along x; by default near-square elements, eight along the shorter
       side; `"auto"` tries a few and both first cuts, and keeps what needs fewest control points (takes several times
@@ -153,7 +153,7 @@ def pose_fit(
         as_surface=as_surface,
     )
     budget = _checked_budget(max_steps, max_control_points, max_seconds)
-    refinement, solver = refinement or AnalysisSuitable(), solver or GlobalSolver()
+    refinement, solver = refinement or AnalysisSuitable(), solver or LocalSolver()
     if not isinstance(refinement, AbstractRefinement) or not isinstance(solver, AbstractSolver):
         raise InputError(
             "a refinement is AnalysisSuitable() or Dyadic(), a solver GlobalSolver() or LocalSolver(); "
@@ -181,11 +181,11 @@ def prepare(
         share = 5 if request.tolerance is None else 2
         budget = replace(budget, max_control_points=max(2 * start.n_anchors, len(samples) // share))
 
-    def criterion(factor: float, permutation: np.ndarray) -> AbstractCriterion:
+    def criterion(factor: float) -> AbstractCriterion:
         if request.tolerance is not None:
             return ToleranceCriterion(request.tolerance / factor)
         assert request.noise is not None
-        return noise_criterion(request.noise, samples, factor, permutation)
+        return NoiseCriterion(request.noise.correlated_samples)
 
     return pose(
         request,
@@ -210,7 +210,11 @@ def surface_of(problem: Problem, state: State) -> TSpline:
     scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
     points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
     height_map = problem.data.dimension == 1
-    return make_surface(state.mesh.space, points[:, 0] if height_map else points, problem.data.frame)
+    mesh = state.mesh
+    space = spline_space(
+        mesh.tmesh, dtype=problem.dtype, rational=problem.rational, elements=mesh.elements, capacity=mesh.capacity
+    )
+    return make_surface(space, points[:, 0] if height_map else points, problem.data.frame)
 
 
 def _smoothing_weight(smoothing: float | str, n_samples: int, refinement: AbstractRefinement) -> float:
@@ -256,8 +260,7 @@ def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str
     request = problem.request
     state, stop = outcome.best, outcome.stop
     scaling, entry, samples = problem.scaling, state.history[-1], request.samples
-    residuals = np.empty_like(samples.values, dtype=np.float64)
-    residuals[problem.order.permutation] = state.residuals.values() * scaling.factor
+    residuals = residuals_of(problem, state).astype(np.float64) * scaling.factor
     warnings = list(request.warnings)
     if stop not in (StopReason.TOLERANCE, StopReason.NOISE):
         worst = int(np.argmax(np.where(request.outliers, -1.0, np.linalg.norm(residuals, axis=1))))

@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._errors import InputError
 from ..space import SplineSpace, bernstein, bernstein6
 from ..surface import check_parameters
-from ._moments import Moments, sum_points
+from ._moments import Moments
 from ._solve import descend
 from ._system import element_matrices
 
@@ -154,7 +154,8 @@ def _moments(space: SplineSpace, places: Array, values: Array, weights: Array) -
         padded = jnp.pad(part, ((0, padding), *((0, 0) for _ in part.shape[1:])))
         return padded.reshape(chunks, length, *part.shape[1:])
 
-    sums = sum_points(space.tables) if space.rational else None
+    tables = space.tables
+    sums = jnp.einsum("eka,ekb->eab", tables.along_s, tables.along_t, precision="highest") if space.rational else None
     capacity = space.capacity
     empty = Moments(jnp.zeros((capacity, 7, 7), space.dtype), jnp.zeros((capacity, 4, 4, values.shape[1]), space.dtype))
 

@@ -1,19 +1,22 @@
 """A fit made ready: samples sorted and scaled on the device, criterion, strategies and budgets."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._errors import InputError
 from ..data import Frame, Samples
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
-from ..space import BLOCK, Order, SortedSamples, pad, sort_samples, to_device
-from ._criteria import AbstractCriterion
+from ..space import to_device
+from ._criteria import AbstractCriterion, noise_variance
 from ._options import Request
-from ._solve import AbstractSolver, GlobalSolver
+from ._samples import AbstractSamples, grid_samples, scattered_samples
+from ._solve import AbstractSolver, LocalSolver
+from ._tiles import LANES
 
 
 @dataclass(frozen=True)
@@ -41,26 +44,23 @@ class Problem:
 
     - `request`: the samples, the outliers among them, and what was asked.
     - `start`: the T-mesh to start from.
-    - `samples`, `order`: the samples on the device, sorted and scaled; outliers have weight zero.
+    - `samples`: the samples on the device, scaled; outliers have weight zero.
     - `scaling`: from fitted values back to the data's.
     - `extent`: physical extent in units of √(Lx Ly).
     - `criterion`, `refinement`, `solver`, `budget`: the strategies.
-    - `make_criterion`: makes the criterion for a scaling factor and a sorting permutation.
     - `smoothing`: weight λ of the bending energy.
     - `stage_factor`: by how much the marking threshold falls from stage to stage.
     """
 
     request: Request
     start: TMesh
-    samples: SortedSamples
-    order: Order
+    samples: AbstractSamples
     scaling: Scaling
     extent: Float[Array, " 2"]
     criterion: AbstractCriterion
-    make_criterion: Callable[[float, np.ndarray], AbstractCriterion]
     smoothing: float
     refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
-    solver: AbstractSolver = field(default_factory=GlobalSolver)
+    solver: AbstractSolver = field(default_factory=LocalSolver)
     budget: Budget = field(default_factory=Budget)
     stage_factor: float = 0.25
 
@@ -73,6 +73,11 @@ class Problem:
     def outliers(self) -> Bool[np.ndarray, " m"]:
         """Which samples are set aside, (m,)."""
         return self.request.outliers
+
+    @property
+    def dimension(self) -> int:
+        """1 for heights, 3 for points in space."""
+        return self.data.dimension
 
     @property
     def n_samples(self) -> int:
@@ -98,7 +103,13 @@ class Problem:
     @property
     def dtype(self) -> np.dtype:
         """The precision of the fit."""
-        return np.dtype(self.samples.values.dtype)
+        return np.dtype(self.extent.dtype)
+
+    @cached_property
+    def lattice(self) -> Int[Array, " 2"]:
+        """Squares of the start lattice (M, N), on the device."""
+        assert self.start.forest is not None
+        return to_device(np.asarray(self.start.forest.lattice, np.int32))
 
     @property
     def rational(self) -> bool:
@@ -106,14 +117,16 @@ class Problem:
         return not isinstance(self.refinement, AnalysisSuitable)
 
     @property
-    def tile_length(self) -> int:
-        """Blocks in a tile: a power of two that suits the number of samples."""
-        return int(np.clip(2 ** np.ceil(np.log2(self.n_samples / BLOCK + 1)), 64, 8192))
-
-    @property
     def least_capacity(self) -> int:
-        """Smallest padded length: small data compile small kernels, large data compile few."""
-        return 256 if self.n_samples < 1 << 15 else 1024 if self.n_samples < 1 << 17 else 4096
+        """Smallest padded length: small data take little memory, large data compile few kernels."""
+        sizes = ((1 << 13, 256), (1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
+        return next((capacity for limit, capacity in sizes if self.n_samples < limit), 65536)
+
+
+def tile_length(n_samples: int) -> int:
+    """Blocks of sixteen samples in a tile: a power of two that suits the number of samples and the device."""
+    largest = 2048 if jax.default_backend() == "cpu" else 65536
+    return int(np.clip(2 ** np.ceil(np.log2(n_samples / LANES + 1)), 64, largest))
 
 
 def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
@@ -171,56 +184,61 @@ def restart(problem: Problem, lattice: tuple[int, int], first_cut: Direction) ->
         same = (start.forest.lattice, first_cut) == (problem.start.forest.lattice, problem.start.forest.first_cut)
         if same:
             return problem
-    return pose(
-        problem.request,
-        start=start,
-        criterion=problem.make_criterion,
-        smoothing=problem.smoothing,
-        refinement=problem.refinement,
-        solver=problem.solver,
-        budget=problem.budget,
-        dtype=problem.dtype,
+    counted, scaling = problem.counted, problem.scaling
+    return replace(
+        problem, start=start, samples=prepare_samples(problem.request, start, scaling, counted, problem.dtype)
     )
 
 
 def prepare_samples(
-    data: Samples, order_mesh: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
-) -> tuple[SortedSamples, Order]:
-    """Sort and scale the samples and put them on the device, padded to a power of two."""
-    order = sort_samples(order_mesh, data.parameters)
-    weights = np.ones(len(data)) if data.weights is None else np.asarray(data.weights, np.float64)
-    weights = np.where(counted, weights, 0.0)
+    request: Request, start: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
+) -> AbstractSamples:
+    """Scale the samples and put them on the device, as pixels where they come from a grid."""
+    data = request.samples
+    weights = None
+    if data.weights is not None or not counted.all():
+        weights = np.where(counted, 1.0 if data.weights is None else data.weights, 0.0)
+    variance = None if request.noise is None else noise_variance(request.noise, data, scaling.factor)
     values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
-    parts = [part[order.permutation].astype(dtype) for part in (data.parameters, values, weights)]
-    length = 1 << int(np.ceil(np.log2(len(data) + BLOCK)))  # doubles with the data, so kernels rarely see a new shape
-    return SortedSamples(*(to_device(pad(part, length, 0)) for part in parts)), order
+    length = tile_length(len(data))
+    shape = data.grid_shape
+    if shape is None or not _on_grid(data, shape):
+        return scattered_samples(start, data.parameters, values, weights, variance, dtype=dtype, tile_length=length)
+    index = None if len(data) == shape[0] * shape[1] else data.grid_index
+    return grid_samples(start, shape, index, values, weights, variance, dtype=dtype, tile_length=length)
+
+
+def _on_grid(data: Samples, shape: tuple[int, int]) -> bool:
+    """Whether the samples are pixels of their grid, each at most once, in order and in their places."""
+    index = data.grid_index
+    if index is None or min(shape) < 2 or not (np.diff(index) > 0).all():
+        return False
+    places = np.stack([index % shape[1] / (shape[1] - 1), index // shape[1] / (shape[0] - 1)], axis=1)
+    return np.array_equal(places, data.parameters)
 
 
 def pose(
     request: Request,
     *,
     start: TMesh,
-    criterion: Callable[[float, np.ndarray], AbstractCriterion],
+    criterion: Callable[[float], AbstractCriterion],
     smoothing: float,
     refinement: AbstractRefinement,
     solver: AbstractSolver,
     budget: Budget,
     dtype: np.dtype,
 ) -> Problem:
-    """Make a problem of a request; `criterion` receives the scaling's factor and the sorting permutation."""
+    """Make a problem of a request; `criterion` receives the scaling's factor."""
     data, outliers = request.samples, request.outliers
     counted = ~outliers if data.weights is None else ~outliers & (data.weights > 0)
     scaling = scale_values(data, counted)
-    samples, order = prepare_samples(data, start, scaling, counted, dtype)
     return Problem(
         request=request,
         start=start,
-        samples=samples,
-        order=order,
+        samples=prepare_samples(request, start, scaling, counted, dtype),
         scaling=scaling,
         extent=physical_extent(data.frame, dtype),
-        criterion=criterion(scaling.factor, order.permutation),
-        make_criterion=criterion,
+        criterion=criterion(scaling.factor),
         smoothing=smoothing,
         refinement=refinement,
         solver=solver,

@@ -1,7 +1,6 @@
 """Residuals at the samples, block by block: what the loop marks by and what the result reports."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -9,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..space import Blocks, ElementTables, SortedSamples, SplineSpace, bernstein
-from ..surface import bezier_points
-from ._moments import TileSamples, gather_pieces, gather_tile
+from ._moments import gather_pieces
+from ._samples import AbstractSamples, Blocks
+from ._tiles import AbstractTile
 
 
-class BlockResiduals(eqx.Module):
-    """Residuals v - f of a tile (blocks, 16, d); per block their largest norm and their sums of squares."""
+class TileResiduals(eqx.Module):
+    """Residuals v - f of a tile; per block their largest norm and their sums of squares, with weights and without."""
 
     residuals: Float[Array, "blocks 16 d"]
     largest: Float[Array, " blocks"]
@@ -24,63 +23,54 @@ class BlockResiduals(eqx.Module):
 
 
 @jax.jit
-def _tile_residuals(local: TileSamples, pieces: Float[Array, "blocks 4 4 d"]) -> BlockResiduals:
+def _tile_residuals(tile: AbstractTile, pieces: Float[Array, "blocks 4 4 c"]) -> TileResiduals:
     """Residuals of one tile; `pieces` may carry Σb as a last component, which then divides."""
-    d = local.values.shape[-1]
-    values = jnp.einsum("tla,tlb,tabd->tld", bernstein(local.u), bernstein(local.v), pieces, precision="highest")
+    d = tile.values.shape[-1]
+    values = tile.evaluate(pieces)
     if pieces.shape[-1] > d:
         values = values[..., :d] / values[..., d:]
-    residuals = local.values - values
-    squares = jnp.where(local.weights > 0, jnp.sum(residuals**2, axis=-1), 0)
+    residuals = tile.values - values
+    squares = jnp.where(tile.weights > 0, jnp.sum(residuals**2, axis=-1), 0)
     largest = jnp.sqrt(jnp.max(squares, axis=1))
-    return BlockResiduals(residuals, largest, jnp.sum(local.weights * squares, axis=1), jnp.sum(squares, axis=1))
-
-
-def homogeneous_points(space: SplineSpace, coefficients: Array) -> Float[Array, "capacity 4 4 d"]:
-    """Bézier points, with Σb as a last component where the surface is rational."""
-    return _points(space.tables, coefficients, space.rational)
-
-
-@partial(jax.jit, static_argnums=2)
-def _points(tables: ElementTables, coefficients: Array, rational: bool) -> Array:
-    """Bézier points of the coefficients, and of ones where the surface is rational."""
-    if rational:
-        coefficients = jnp.concatenate([coefficients, jnp.ones_like(coefficients[:, :1])], axis=1)
-    return bezier_points(tables, coefficients)
+    return TileResiduals(residuals, largest, jnp.sum(tile.weights * squares, axis=1), jnp.sum(squares, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of all samples.
+    """Largest norm and sums of squares of the residuals of each chosen element's samples of a weight above zero."""
 
-    **Attributes:**
-
-    - `largest`, `weighted`, `plain`: per block, the largest norm and the sums of squares with and without weights, of
-      the samples that count (host arrays).
-    - `tiles`, `counts`: every residual, still on the device, and the number of samples of each block.
-    """
-
-    largest: np.ndarray
-    weighted: np.ndarray
-    plain: np.ndarray
-    tiles: tuple[Array, ...]
-    counts: np.ndarray
-
-    def values(self) -> Float[np.ndarray, "m d"]:
-        """Residuals in sorted order, those of outliers included."""
-        values = np.concatenate([np.asarray(tile) for tile in self.tiles])[: len(self.counts)]
-        return values[np.arange(values.shape[1]) < self.counts[:, None]]
+    largest: Float[np.ndarray, " chosen"]
+    weighted: Float[np.ndarray, " chosen"]
+    plain: Float[np.ndarray, " chosen"]
 
 
 def residuals(
-    space: SplineSpace, points: Float[Array, "capacity 4 4 d"], samples: SortedSamples, blocks: Blocks, tile_length: int
+    samples: AbstractSamples,
+    blocks: Blocks,
+    points: Float[Array, "capacity 4 4 c"],
+    boxes: Array,
+    lattice: Array,
+    n_chosen: int,
 ) -> Residuals:
-    """Residuals of the samples in these blocks; `points` come from `homogeneous_points`."""
+    """Residuals of the samples in these blocks of `n_chosen` elements, whose Bézier points lie in `points`."""
     parts = []
-    for tile in blocks.tiles(tile_length):
-        local = gather_tile(samples, tile, space.tables.corner, space.tables.size)
-        parts.append(_tile_residuals(local, gather_pieces(points, tile)))
-    n = len(blocks.start)
-    host = jax.device_get([(part.largest, part.weighted, part.plain) for part in parts])
-    largest, weighted, plain = (np.concatenate(column)[:n] for column in zip(*host, strict=True))
-    return Residuals(largest, weighted, plain, tuple(part.residuals for part in parts), blocks.count)
+    for tile, slot in samples.tiles(blocks, boxes, lattice):
+        part = _tile_residuals(tile, gather_pieces(points, slot))
+        parts.append((part.largest, part.weighted, part.plain))
+    n = len(blocks.slot)
+    host = jax.device_get(parts)
+    columns = [np.concatenate(column)[:n] for column in zip(*host, strict=True)] if host else [np.zeros(0)] * 3
+    operations = (np.maximum, np.add, np.add)
+    return Residuals(*(blocks.reduce(f, column, n_chosen) for f, column in zip(operations, columns, strict=True)))
+
+
+def all_residuals(
+    samples: AbstractSamples, blocks: Blocks, points: Float[Array, "capacity 4 4 c"], boxes: Array, lattice: Array
+) -> Float[np.ndarray, "m d"]:
+    """The residual of every sample, in the order of the data; `blocks` are those of all elements."""
+    tiles = [
+        _tile_residuals(tile, gather_pieces(points, slot)).residuals
+        for tile, slot in samples.tiles(blocks, boxes, lattice)
+    ]
+    per_lane = np.concatenate([np.asarray(tile) for tile in tiles])[: len(blocks.slot)]
+    return samples.collect(blocks, per_lane)

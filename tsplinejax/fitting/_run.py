@@ -5,16 +5,16 @@ a spacing between two of them, a lattice with another number of elements to the 
 control points; which one cannot be told without trying.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._adaptive import State, advance, begin, polish, terminate
+from ._adaptive import State, advance, begin, polish, revived, terminate, with_coefficients
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason
-from ._solve import GlobalSolver
 
 # Elements along the shorter side, one for each part of an octave; eight is also the default lattice's.
 TRIALS = (8, 5, 11, 6, 7)
@@ -44,19 +44,18 @@ class Run:
 def run(problem: Problem, *, progress: bool = False) -> Run:
     """Advance until there is a reason to stop.
 
-    Steps solve loosely. With the global solver a long solve has its chance before the loop gives up for want of
+    Steps solve loosely. On polynomial surfaces a long solve has its chance before the loop gives up for want of
     elements to split, and at the end; one that no longer meets the criterion (least squares does not minimise the
     largest error) is not kept.
     """
-    everywhere = isinstance(problem.solver, GlobalSolver)
     best = state = begin(problem)
     try:
         with _progress_bar(progress) as report:
             while True:
                 report(state)
                 stop = terminate(problem, state)
-                if stop is StopReason.FINEST and everywhere and not state.polished:
-                    state = polish(problem, state)
+                if stop is StopReason.FINEST and not problem.rational and not state.polished:
+                    state = _polished(problem, state)
                 elif stop is None:
                     state = advance(problem, state)
                 else:
@@ -64,14 +63,23 @@ def run(problem: Problem, *, progress: bool = False) -> Run:
                 best = state if state.worst <= best.worst else best
         if state.worst <= 1:
             best = state
-        if everywhere and not state.polished and stop is not StopReason.MAX_SECONDS:
-            polished = polish(problem, state)
-            if polished.worst <= max(1.0, best.worst):
-                best = state = polished
-                stop = problem.criterion.met if polished.worst <= 1 else stop
+        if not (problem.rational or state.polished or stop is StopReason.MAX_SECONDS):
+            state = _polished(problem, state, max(1.0, best.worst))
+            best = state if state.worst <= max(1.0, best.worst) else best
+            stop = problem.criterion.met if best.worst <= 1 else stop
     except KeyboardInterrupt:
         stop = StopReason.INTERRUPTED
-    return Run(best, state.history, stop)
+    return Run(revived(problem, best), state.history, stop)
+
+
+def _polished(problem: Problem, state: State, limit: float = np.inf) -> State:
+    """The state after a long solve, or as it was where that exceeds the limit."""
+    coefficients, entry = state.coefficients, state.history[-1]
+    polished = polish(problem, state)
+    if polished.worst <= limit:
+        return polished
+    started = time.perf_counter() - entry.seconds
+    return replace(with_coefficients(problem, polished, coefficients, started), polished=False)
 
 
 @contextmanager

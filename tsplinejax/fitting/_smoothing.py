@@ -7,19 +7,17 @@ over the samples.
 
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
+from ..space import to_device
 from ._adaptive import State, remeasure
-from ._energy import bending_energy
 from ._moments import Moments, add_samples, empty_moments
 from ._problem import Problem
-from ._residuals import homogeneous_points
 from ._run import Run
 from ._solve import conjugate_gradients
-from ._system import assemble, empty_system
+from ._store import assemble_rows, choose, renew_points
+from ._system import System
 
 PROBES = 8
 ITERATIONS = 300
@@ -55,23 +53,29 @@ class _Trial:
 
     def score(self, smoothing: float) -> float:
         """GCV of one weight."""
-        problem, mesh = self.problem, self.state.mesh
-        every = np.arange(len(mesh.elements))
-        d = self.moments.load.shape[-1]
-        system = assemble(empty_system(mesh.space, d), mesh.space, self.moments, smoothing, problem.extent, every)
-        start = (
-            jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.data.dimension].set(self.state.coefficients)
+        problem, mesh, store = self.problem, self.state.mesh, self.state.store
+        width, d = store.functions.shape[1], self.moments.load.shape[-1]
+        every = choose(mesh.slots, mesh.capacity)
+        zeros = (
+            jnp.zeros((mesh.capacity, width, width), problem.dtype),
+            jnp.zeros((mesh.capacity, width, d), problem.dtype),
         )
+        parts = (store.functions, store.boxes, store.along_s, store.along_t, self.moments)
+        weight = to_device(smoothing, problem.dtype)
+        matrices, loads = assemble_rows(zeros, parts, weight, problem.extent, problem.lattice, every)
+        system = System(jnp.maximum(store.functions, 0), matrices, loads)
+        start = jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.dimension].set(self.state.coefficients)
         free = jnp.arange(mesh.capacity) < mesh.tmesh.n_anchors
         solution = conjugate_gradients(
-            system, start, free, jnp.asarray(ITERATIONS, jnp.int32), jnp.asarray(1e-6, problem.dtype)
+            system, every, start, free, jnp.asarray(ITERATIONS, jnp.int32), jnp.asarray(1e-6, problem.dtype)
         ).coefficients
-        values = problem.data.dimension
-        products = jnp.einsum("eid,eid->d", system.loads, solution[system.functions], precision="highest")
+        values = problem.dimension
         local = solution[system.functions]
-        forms = jnp.einsum("eid,eij,ejd->d", local, system.matrices, local, precision="highest")
-        points = homogeneous_points(mesh.space, solution[:, :values])[..., :values]
-        bending = smoothing * bending_energy(points, mesh.space.tables.size, problem.extent)
+        products = jnp.einsum("eid,eid->d", loads, local, precision="highest")
+        forms = jnp.einsum("eid,eij,ejd->d", local, matrices, local, precision="highest")
+        blank = replace(store, points=jnp.zeros((mesh.capacity, 4, 4, values), problem.dtype))
+        _, energies = renew_points(blank, solution[:, :values], problem.extent, problem.lattice, every)
+        bending = smoothing * jnp.sum(energies)
         rest = self.squares - 2 * products[:values].sum() + forms[:values].sum() - bending
         freedom = float(products[values:].mean())
         counted = problem.n_counted
@@ -80,19 +84,21 @@ class _Trial:
 
 def _probed_moments(problem: Problem, state: State) -> Moments:
     """Moments of the values and, as further components, of random signs."""
-    samples = problem.samples
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(len(samples.values), PROBES))
-    # √w: the smoother of the weighted problem acts on √w v.
-    scaled = jnp.asarray(signs, problem.dtype) / jnp.sqrt(jnp.where(samples.weights > 0, samples.weights, 1))[:, None]
-    probed = eqx.tree_at(lambda s: s.values, samples, scaled)
-    moments = add_samples(
-        empty_moments(state.mesh.space, PROBES), state.mesh.space, probed, state.mesh.blocks, problem.tile_length
-    )
-    return Moments(moments.mass, jnp.concatenate([state.moments.load, moments.load], axis=-1))
+    weights, mesh = problem.data.weights, state.mesh
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(problem.n_samples, PROBES))
+    if weights is not None:  # √w: the smoother of the weighted problem acts on √w v
+        signs /= np.sqrt(np.where(weights > 0, weights, 1))[:, None]
+    probed = problem.samples.with_values(signs)
+    blocks = probed.blocks(mesh.elements, np.arange(len(mesh.slots)), mesh.slots)
+    empty = empty_moments(mesh.capacity, PROBES, problem.dtype)
+    moments, _ = add_samples(empty, probed, blocks, state.store.boxes, problem.lattice, len(mesh.slots))
+    mass, load = state.store.moments.mass, state.store.moments.load
+    return Moments(mass, jnp.concatenate([load, moments.load], axis=-1))
 
 
 def _square_sum(problem: Problem) -> float:
     """Σ w v² of the fitted values."""
-    samples = problem.samples
-    total: Array = jnp.sum(samples.weights * jnp.sum(samples.values**2, axis=1))
-    return float(total)
+    data, scaling = problem.data, problem.scaling
+    values = (data.values[problem.counted].astype(np.float64) - scaling.offset) / scaling.factor
+    weights = 1.0 if data.weights is None else data.weights[problem.counted, None]
+    return float(np.sum(weights * values**2))

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._store import Chosen, over
 from ._system import System
 
 
@@ -45,14 +46,14 @@ class LocalSolver(AbstractSolver):
     **Arguments:**
 
     - `ring`: how many rings of neighbours are freed too; 0 is the paper's own choice.
-    - `iterations`: conjugate-gradient iterations of a step at most.
+    - `iterations`: conjugate-gradient iterations of a step at most; a loose solve is enough to mark by.
 
     >>> LocalSolver(ring=0)
-    LocalSolver(ring=0, iterations=100)
+    LocalSolver(ring=0, iterations=20)
     """
 
     ring: int = 1
-    iterations: int = 100
+    iterations: int = 20
 
 
 class Solution(eqx.Module):
@@ -66,6 +67,7 @@ class Solution(eqx.Module):
 @jax.jit
 def conjugate_gradients(
     system: System,
+    chosen: Chosen,
     start: Float[Array, "capacity d"],
     free: Bool[Array, " capacity"],
     iterations: Int[Array, ""],
@@ -73,26 +75,50 @@ def conjugate_gradients(
 ) -> Solution:
     """Lower the objective from `start` by conjugate gradients with diagonal scaling, over the free coefficients.
 
-    Stops after `iterations`, or where the scaled gradient has fallen below `tolerance` of the scaled load.
+    `chosen` lists the Bézier elements on which any of them lives. Stops after `iterations`, or where the scaled
+    gradient has fallen below `tolerance` of the scaled load.
     """
-    diagonal = jnp.zeros(start.shape[0], start.dtype)
-    diagonal = diagonal.at[system.functions].add(jnp.diagonal(system.matrices, axis1=1, axis2=2))
+    diagonal, load, product = _first_pass(system, chosen, start)
     movable = free & (diagonal > 0)
     scale = jnp.where(movable, 1 / jnp.where(movable, diagonal, 1), 0)[:, None]
-    load = jnp.zeros_like(start).at[system.functions].add(system.loads)
 
     def apply(x: Array) -> Array:
-        products = jnp.einsum("eij,ejd->eid", system.matrices, x[system.functions], precision="highest")
-        return jnp.zeros_like(x).at[system.functions].add(products)
-
-    def restricted(x: Array) -> Array:
-        return jnp.where(movable[:, None], apply(x), 0)
+        return jnp.where(movable[:, None], _multiply(system, chosen, x), 0)
 
     load_norm = jnp.sum(load * scale * load, axis=0)
-    gradient = jnp.where(movable[:, None], load - apply(start), 0)
-    x, k, energy = descend(restricted, start, gradient, scale, tolerance**2 * load_norm, iterations)
+    gradient = jnp.where(movable[:, None], load - product, 0)
+    x, k, energy = descend(apply, start, gradient, scale, tolerance**2 * load_norm, iterations)
     error = jnp.sqrt(jnp.max(energy / jnp.where(load_norm > 0, load_norm, 1)))
     return Solution(x, k, error)
+
+
+def _multiply(system: System, chosen: Chosen, x: Float[Array, "capacity d"]) -> Float[Array, "capacity d"]:
+    """Σ_e A_e x over the chosen elements."""
+
+    def turn(rows: Array, real: Array, total: Array) -> Array:
+        return total.at[jnp.maximum(system.functions[rows], 0)].add(_products(system, rows, real, x))
+
+    return over(chosen, turn, jnp.zeros_like(x))
+
+
+def _products(system: System, rows: Array, real: Array, x: Array) -> Float[Array, "chunk K d"]:
+    """A_e x for a chunk of elements; the matrices are symmetric, so their rows serve as columns."""
+    local = x[jnp.maximum(system.functions[rows], 0)]
+    local = jnp.where(real[:, None, None], local, 0)
+    return sum(system.matrices[rows, j][..., None] * local[:, j, None] for j in range(local.shape[1]))
+
+
+def _first_pass(system: System, chosen: Chosen, x: Array) -> tuple[Array, Array, Array]:
+    """Diagonal, right-hand side, and matrix times x, of the chosen elements."""
+
+    def turn(rows: Array, real: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        functions = jnp.maximum(system.functions[rows], 0)
+        squares = jnp.where(real[:, None], jnp.diagonal(system.matrices[rows], axis1=1, axis2=2), 0)
+        loads = jnp.where(real[:, None, None], system.loads[rows], 0)
+        parts = (squares, loads, _products(system, rows, real, x))
+        return tuple(total.at[functions].add(part) for total, part in zip(carry, parts, strict=True))
+
+    return over(chosen, turn, (jnp.zeros(len(x), x.dtype), jnp.zeros_like(x), jnp.zeros_like(x)))
 
 
 def descend(

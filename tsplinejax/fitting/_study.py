@@ -24,7 +24,7 @@ from ._fit import prepare
 from ._options import Length, Request, read_request
 from ._problem import Budget, Problem
 from ._result import Step, StopReason
-from ._solve import AbstractSolver, GlobalSolver
+from ._solve import AbstractSolver, LocalSolver
 
 LOOSEST, TIGHTEST = 0.1, 0.001  # of the range
 FEWEST_RUNGS = 3
@@ -131,7 +131,7 @@ def tolerance_study(
     problem = prepare(
         replace(request, tolerance=rungs[0], noise=None),
         refinement or AnalysisSuitable(),
-        solver or GlobalSolver(),
+        solver or LocalSolver(),
         budget,
         smoothing,
         dtype,

@@ -7,22 +7,14 @@ from ._bernstein import (
     gram as gram,
     product_weights as product_weights,
 )
-from ._blocks import (
-    BLOCK as BLOCK,
-    Blocks as Blocks,
-    Order as Order,
-    SortedSamples as SortedSamples,
-    Tile as Tile,
-    make_blocks as make_blocks,
-    sample_ranges as sample_ranges,
-    sort_samples as sort_samples,
-)
 from ._extraction import BezierElements as BezierElements, bezier_elements as bezier_elements
 from ._space import (
     ElementTables as ElementTables,
     SplineSpace as SplineSpace,
     Topology as Topology,
     capacity_for as capacity_for,
+    extract as extract,
+    knot_arrays as knot_arrays,
     pad as pad,
     resolve_dtype as resolve_dtype,
     spline_space as spline_space,

@@ -5,8 +5,6 @@ which functions live on each element, and four Bernstein coefficients along s an
 capacities that grow fourfold, then twofold; a kernel compiled for one capacity serves every mesh that fits it.
 """
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -147,7 +145,7 @@ def spline_space(
     boxes = pad(elements.boxes.astype(np.int32), capacity, np.array([-1, -1, 0, 0], np.int32))
     along_s, along_t = _extract(
         to_device(functions),
-        _knot_arrays(tmesh, tmesh.local_knots, capacity, dtype),
+        knot_arrays(tmesh, tmesh.local_knots, capacity, dtype),
         _box_arrays(tmesh, boxes, dtype),
         dtype,
     )
@@ -198,7 +196,7 @@ def pad(array: np.ndarray, length: int, value: object) -> np.ndarray:
     return padded
 
 
-def _knot_arrays(tmesh: TMesh, local_knots: np.ndarray, capacity: int, dtype: np.dtype) -> Array:
+def knot_arrays(tmesh: TMesh, local_knots: np.ndarray, capacity: int, dtype: np.dtype) -> Array:
     """Local knots for the device: exact int32 index coordinates on a forest, parameters on a mesh given by hand."""
     knots = local_knots
     if tmesh.lines is not None:
@@ -218,14 +216,21 @@ def _box_arrays(tmesh: TMesh, boxes: np.ndarray, dtype: np.dtype) -> Array:
     return to_device(values)
 
 
-@partial(jax.jit, static_argnums=3)
-def _extract(functions: Array, knots: Array, boxes: Array, dtype: np.dtype) -> tuple[Array, Array]:
-    """Bernstein coefficients of every function on every Bézier element: (capacity, K, 4) along s and along t."""
-    local = knots[jnp.maximum(functions, 0)]  # (capacity, K, 2, 5)
+def extract(
+    functions: Int[Array, "e K"], knots: Array, boxes: Array, dtype: np.dtype
+) -> tuple[Float[Array, "e K 4"], Float[Array, "e K 4"]]:
+    """Bernstein coefficients along s and t of every function on every Bézier element; zero for negative functions.
+
+    `knots` (functions, 2, 5) and `boxes` (e, 4) share their coordinates.
+    """
+    local = knots[jnp.maximum(functions, 0)]  # (e, K, 2, 5)
     low, high = boxes[:, None, :2, None], boxes[:, None, 2:, None]
     inside = (local - low).astype(dtype) / (high - low).astype(dtype)
     pieces = jnp.where((functions >= 0)[..., None, None], blossom_pieces(inside), 0)
     return pieces[:, :, 0], pieces[:, :, 1]
+
+
+_extract = jax.jit(extract, static_argnums=3)
 
 
 def _parameter_boxes(tmesh: TMesh, boxes: np.ndarray, capacity: int, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray]:

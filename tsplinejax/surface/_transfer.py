@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from .._errors import InputError
 from ..mesh import TMesh
-from ..space import BezierElements, bezier_elements, blossom_weights, pad, spline_space, to_device
+from ..space import BezierElements, bezier_elements, blossom_weights, spline_space, to_device
 from ._tspline import TSpline, bezier_points
 
 
@@ -42,28 +42,30 @@ def transfer(surface: TSpline, tmesh: TMesh) -> TSpline:
     _require_refinement(old, tmesh)
     space = spline_space(tmesh, dtype=surface.space.dtype, rational=False)
     coefficients = surface.control_points.reshape(surface.control_points.shape[0], -1)
-    places = beside_anchors(old, bezier_elements(old), tmesh)
-    moved = blossom(bezier_points(surface.space.tables, coefficients), *places)
+    element, knots = beside_anchors(old, bezier_elements(old), tmesh)
+    pieces = bezier_points(surface.space.tables, coefficients)
+    moved = blossom(pieces, to_device(element, np.int32), to_device(knots))
     points = moved.reshape(-1, *surface.control_points.shape[1:])
     return TSpline(space, points, surface.origin, surface.extent, surface.unit)
 
 
 def beside_anchors(
-    old: TMesh, elements: BezierElements, new: TMesh, capacity: int | None = None
-) -> tuple[Int[Array, " n"], Float[Array, "n 2 3"]]:
-    """For each new blending function: the old Bézier element beside its anchor, and its inner knots in that element."""
+    old: TMesh, elements: BezierElements, new: TMesh, chosen: Int[np.ndarray, " n"] | None = None
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2 3"]]:
+    """For each new blending function, or each chosen one: the old Bézier element beside its anchor, and its inner knots
+    in that element.
+    """
     assert elements.codes is not None
     assert old.forest is not None
-    anchors = np.clip(new.anchors, 0, np.array(new.extent) - 1)
+    anchors, knots = new.anchors, new.local_knots[:, :, 1:4]
+    if chosen is not None:
+        anchors, knots = anchors[chosen], knots[chosen]
+    anchors = np.clip(anchors, 0, np.array(new.extent) - 1)
     element = np.searchsorted(elements.codes, old.forest.code(anchors[:, 0], anchors[:, 1]), side="right") - 1
-    knots = new.local_knots[:, :, 1:4]
     if new.border == "clamped":
         knots = np.clip(knots, 0, np.array(new.extent)[:, None])
     box = elements.boxes[element]
-    inside = (knots - box[:, :2, None]) / (box[:, 2:] - box[:, :2])[:, :, None]
-    if capacity is not None:
-        element, inside = pad(element, capacity, 0), pad(inside, capacity, 0)
-    return to_device(element, np.int32), to_device(inside)
+    return element, (knots - box[:, :2, None]) / (box[:, 2:] - box[:, :2])[:, :, None]
 
 
 @jax.jit

@@ -1,0 +1,299 @@
+"""Samples as the loop sees them: blocks of sixteen lanes, each block inside one Bézier element.
+
+Two kinds of samples hand them over:
+
+- [`ScatteredSamples`][tsplinejax.fitting._samples.ScatteredSamples] are sorted once by the Z-order code of their index
+  cell; an element's samples then stay one contiguous range at every refinement, cut into runs of sixteen.
+- [`GridSamples`][tsplinejax.fitting._samples.GridSamples] are the pixels of a height map. An element holds a rectangle
+  of them, cut into squares of 4 × 4, so nothing is sorted, no parameters are kept, and sums are separable.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..mesh import DEPTH, TMesh
+from ..space import BezierElements, pad, to_device
+from ._tiles import LANES, SIDE, AbstractTile, DeviceSamples, pixel_tile, point_tile
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of the samples of some Bézier elements, in the order of the elements.
+
+    **Attributes:**
+
+    - `fields`: what finds a block's samples, (blocks, 4): first column and row, their numbers (pixels), or first sample
+      and number of samples.
+    - `slot`: device slot of each block's element.
+    - `owner`: place of each block's element in the list of chosen elements.
+    """
+
+    fields: Int[np.ndarray, "blocks 4"]
+    slot: Int[np.ndarray, " blocks"]
+    owner: Int[np.ndarray, " blocks"]
+
+    def reduce(self, operation: np.ufunc, per_block: np.ndarray, n_elements: int) -> np.ndarray:
+        """Reduce a number per block to one per chosen element; zero where it holds no samples."""
+        result = np.zeros(n_elements, per_block.dtype)
+        if len(self.owner):
+            first = np.flatnonzero(np.diff(self.owner, prepend=-1))
+            result[self.owner[first]] = operation.reduceat(per_block, first)
+        return result
+
+    def tiles(self, length: int) -> Iterator[tuple[Array, Array]]:
+        """Fields and slots in tiles of a fixed number of blocks, the last one padded with empty blocks."""
+        for first in range(0, len(self.slot), length):
+            part = slice(first, first + length)
+            yield to_device(pad(self.fields[part], length, 0)), to_device(pad(self.slot[part], length, 0))
+
+
+class AbstractSamples(ABC):
+    """The samples of a fit: how many a block of which element holds, and the tiles that carry them to the device.
+
+    **Attributes:**
+
+    - `tile_length`: blocks in a tile.
+    """
+
+    tile_length: int
+
+    @abstractmethod
+    def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
+        """Blocks of the samples in the chosen Bézier elements, whose device slots are `slots`."""
+
+    @abstractmethod
+    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
+        """The samples of the blocks on the device, tile by tile, with each block's slot."""
+
+    @abstractmethod
+    def places_in(self, tmesh: TMesh) -> Int[np.ndarray, " elements"]:
+        """Number of different places that hold a sample, per element of the T-mesh; two stands for more."""
+
+    @abstractmethod
+    def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
+        """Rows (blocks, 16, d) of the blocks of all samples, put in the order of the data: (m, d)."""
+
+    @abstractmethod
+    def with_values(self, values: Float[np.ndarray, "m d"]) -> "AbstractSamples":
+        """Other values at the same samples; variances are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteredSamples(AbstractSamples):
+    """Samples at any parameters, sorted by the codes of a dyadic forest.
+
+    **Attributes:**
+
+    - `codes`, `permutation`: the sorted codes and the permutation that sorted them.
+    - `device`: the sorted samples.
+    """
+
+    codes: Int[np.ndarray, " m"]
+    permutation: Int[np.ndarray, " m"]
+    device: DeviceSamples
+    tile_length: int
+
+    def _ranges(self, codes: np.ndarray) -> np.ndarray:
+        """First sample of each cell of a sorted forest and, last, the number of samples."""
+        return np.append(np.searchsorted(self.codes, codes), len(self.codes))
+
+    def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
+        """Runs of at most sixteen samples."""
+        assert elements.codes is not None
+        ranges = self._ranges(elements.codes)
+        first, counts = ranges[chosen], ranges[chosen + 1] - ranges[chosen]
+        owner, place = _expand(-(-counts // LANES))
+        start = first[owner] + place * LANES
+        count = np.minimum(counts[owner] - place * LANES, LANES)
+        fields = np.stack([start, count, start, count], axis=1).astype(np.int32)
+        return Blocks(fields, slots[owner].astype(np.int32), owner)
+
+    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
+        """Gather each tile."""
+        for fields, slot in blocks.tiles(self.tile_length):
+            yield point_tile(self.device, fields, slot, boxes, lattice), slot
+
+    def places_in(self, tmesh: TMesh) -> np.ndarray:
+        """Two where the first and the last sample of an element differ in their code."""
+        assert tmesh.forest is not None
+        ranges = self._ranges(tmesh.forest.codes)
+        counts = np.minimum(np.diff(ranges), 2)
+        several = counts == 2
+        counts[several] = 1 + (self.codes[ranges[:-1][several]] != self.codes[ranges[1:][several] - 1])
+        return counts
+
+    def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
+        """Undo the sorting."""
+        rows = per_lane[np.arange(LANES) < blocks.fields[:, 1, None]]
+        result = np.empty_like(rows)
+        result[self.permutation] = rows
+        return result
+
+    def with_values(self, values: np.ndarray) -> "ScatteredSamples":
+        """Sorted and padded like the first ones."""
+        dtype, length = np.dtype(self.device.values.dtype), len(self.device.values)
+        column = to_device(pad(values[self.permutation].astype(dtype), length, 0))
+        device = DeviceSamples(self.device.parameters, column, self.device.weights, None)
+        return ScatteredSamples(self.codes, self.permutation, device, self.tile_length)
+
+
+@dataclass(frozen=True, eq=False)
+class GridSamples(AbstractSamples):
+    """The pixels of a height map; missing ones have weight zero.
+
+    **Attributes:**
+
+    - `columns`, `rows`: index coordinate (in the mesh) of each pixel column and row, ascending.
+    - `index`: places of the samples in the flattened grid; `None` where every pixel is one.
+    - `device`: the pixels, row by row.
+    """
+
+    columns: Int[np.ndarray, " columns"]
+    rows: Int[np.ndarray, " rows"]
+    index: Int[np.ndarray, " m"] | None
+    device: DeviceSamples
+    tile_length: int
+
+    def _rectangles(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First pixel column and row of index boxes, and the numbers of columns and rows: (boxes, 2) each."""
+        low = [np.searchsorted(lines, boxes[:, k]) for k, lines in enumerate((self.columns, self.rows))]
+        high = [np.searchsorted(lines, boxes[:, k + 2]) for k, lines in enumerate((self.columns, self.rows))]
+        first = np.stack(low, axis=1)
+        return first, np.stack(high, axis=1) - first
+
+    def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
+        """Squares of at most 4 × 4 pixels."""
+        first, counts = self._rectangles(elements.boxes[chosen])
+        across = -(-counts // SIDE)
+        owner, place = _expand(across[:, 0] * across[:, 1])
+        row, column = np.divmod(place, across[owner, 0])
+        offset = SIDE * np.stack([column, row], axis=1)
+        size = np.minimum(counts[owner] - offset, SIDE)
+        fields = np.concatenate([first[owner] + offset, size], axis=1).astype(np.int32)
+        return Blocks(fields, slots[owner].astype(np.int32), owner)
+
+    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
+        """Gather each tile."""
+        for fields, slot in blocks.tiles(self.tile_length):
+            yield pixel_tile(self.device, fields, slot, boxes, lattice), slot
+
+    def places_in(self, tmesh: TMesh) -> np.ndarray:
+        """Pixels in each element; missing ones are counted by a summed-area table."""
+        first, counts = self._rectangles(tmesh.boxes)
+        if self.index is None:
+            return np.minimum(counts[:, 0] * counts[:, 1], 2)
+        last, table = first + counts, self._summed
+        inside = table[last[:, 1], last[:, 0]] - table[first[:, 1], last[:, 0]]
+        return np.minimum(inside - table[last[:, 1], first[:, 0]] + table[first[:, 1], first[:, 0]], 2)
+
+    @property
+    def _summed(self) -> np.ndarray:
+        """Number of samples below and left of every pixel corner."""
+        present = np.zeros((len(self.rows) + 1, len(self.columns) + 1), np.int64)
+        present[1:, 1:].flat[self.index] = 1
+        return present.cumsum(axis=0).cumsum(axis=1)
+
+    def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
+        """Pixel by pixel, the missing ones left out."""
+        lanes = np.arange(SIDE)
+        column, row = (blocks.fields[:, k, None] + lanes for k in range(2))
+        inside = (lanes < blocks.fields[:, 3, None])[:, :, None] & (lanes < blocks.fields[:, 2, None])[:, None]
+        place = (row[:, :, None] * len(self.columns) + column[:, None])[inside]
+        grid = np.empty((len(self.rows) * len(self.columns), per_lane.shape[2]), per_lane.dtype)
+        grid[place] = per_lane.reshape(-1, SIDE, SIDE, per_lane.shape[2])[inside]
+        return grid if self.index is None else grid[self.index]
+
+    def with_values(self, values: np.ndarray) -> "GridSamples":
+        """Spread over the grid like the first ones."""
+        device = self.device
+        column = _spread(values, self.index, len(device.values), np.dtype(device.values.dtype))
+        replaced = DeviceSamples(device.parameters, column, device.weights, None)
+        return GridSamples(self.columns, self.rows, self.index, replaced, self.tile_length)
+
+
+def _expand(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each of Σ counts entries: whose it is, and its place there."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _spread(part: np.ndarray, index: np.ndarray | None, length: int, dtype: np.dtype) -> Array:
+    """Rows of samples at their places in a flattened grid, zero elsewhere, on the device."""
+    if index is None:
+        return to_device(pad(part.astype(dtype), length, 0))
+    grid = np.zeros((length, *part.shape[1:]), dtype)
+    grid[index] = part
+    return to_device(grid)
+
+
+def sample_order(tmesh: TMesh, parameters: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted codes of samples in a dyadic forest, and the permutation that sorts them; valid for every refinement."""
+    assert tmesh.forest is not None
+    scale = np.array(tmesh.forest.lattice) << DEPTH
+    cells = np.clip((parameters * scale).astype(np.int64), 0, scale - 1)
+    codes = tmesh.forest.code(cells[:, 0], cells[:, 1])
+    permutation = np.argsort(codes, kind="stable")
+    return codes[permutation], permutation
+
+
+def grid_lines(n_pixels: int, n_squares: int) -> Int[np.ndarray, " pixels"]:
+    """Index coordinates of pixel lines over a lattice of this many squares."""
+    scale = n_squares << DEPTH
+    places = np.arange(n_pixels) / max(n_pixels - 1, 1)
+    return np.clip((places * scale).astype(np.int64), 0, scale - 1)
+
+
+def padded_length(count: int) -> int:
+    """The power of two that holds a count: kernels rarely see a new one."""
+    return 1 << max(0, int(count - 1).bit_length())
+
+
+def scattered_samples(
+    tmesh: TMesh,
+    parameters: np.ndarray,
+    values: np.ndarray,
+    weights: np.ndarray | None,
+    variance: np.ndarray | None,
+    *,
+    dtype: np.dtype,
+    tile_length: int,
+) -> ScatteredSamples:
+    """Sort scattered samples and put them on the device."""
+    codes, permutation = sample_order(tmesh, parameters)
+    length = padded_length(len(values) + LANES)
+
+    def put(part: np.ndarray | None) -> Array | None:
+        return None if part is None else to_device(pad(part[permutation].astype(dtype), length, 0))
+
+    arrays = DeviceSamples(*(put(part) for part in (parameters, values, weights, variance)))
+    return ScatteredSamples(codes, permutation, arrays, tile_length)
+
+
+def grid_samples(
+    tmesh: TMesh,
+    shape: tuple[int, int],
+    index: np.ndarray | None,
+    values: np.ndarray,
+    weights: np.ndarray | None,
+    variance: np.ndarray | None,
+    *,
+    dtype: np.dtype,
+    tile_length: int,
+) -> GridSamples:
+    """Put the pixels of a height map on the device; `index` names those that are samples, if not all are."""
+    assert tmesh.forest is not None
+    length = padded_length(shape[0] * shape[1])
+    if index is not None and weights is None:
+        weights = np.ones(len(values))
+
+    def put(part: np.ndarray | None) -> Array | None:
+        return None if part is None else _spread(part, index, length, dtype)
+
+    size = to_device(np.array([shape[1], shape[0]], np.int32))
+    arrays = DeviceSamples(size, put(values), put(weights), put(variance))
+    lines = [grid_lines(count, squares) for count, squares in zip(shape[::-1], tmesh.forest.lattice, strict=True)]
+    return GridSamples(*lines, index, arrays, tile_length)

@@ -1,0 +1,161 @@
+"""Tiles: samples on their way through the device, sixteen lanes a block, each block inside one Bézier element.
+
+Kernels over samples receive tiles of a fixed number of blocks, whatever the mesh, so they compile once. Sums over the
+lanes are written out: small products that a compiler fuses, where batched matrix products of this size run slowly.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..mesh import DEPTH
+from ..space import bernstein, bernstein6
+
+SIDE = 4  # pixels along a side of a grid's block
+LANES = SIDE * SIDE
+
+barrier = jax.lax.optimization_barrier
+
+
+class AbstractTile(eqx.Module):
+    """Samples of a fixed number of blocks in local coordinates of their elements; padding has weight zero."""
+
+    values: eqx.AbstractVar[Float[Array, "blocks 16 d"]]
+    weights: eqx.AbstractVar[Float[Array, "blocks 16"]]
+    variance: eqx.AbstractVar[Float[Array, "blocks 16"] | None]
+
+    @abstractmethod
+    def places(self) -> tuple[Float[Array, "blocks 16"], Float[Array, "blocks 16"]]:
+        """Local coordinates (u, v) of every lane."""
+
+    @abstractmethod
+    def sums(self, weights: Array, values: Array) -> tuple[Float[Array, "blocks 7 7"], Float[Array, "blocks 4 4 d"]]:
+        """Σ w B⁶ B⁶ and Σ w B³ B³ v over the lanes of each block."""
+
+    def evaluate(self, pieces: Float[Array, "blocks 4 4 c"]) -> Float[Array, "blocks 16 c"]:
+        """Polynomials with these Bézier points at every lane."""
+        u, v = self.places()
+        along_s, along_t = bernstein(u), bernstein(v)
+        columns = []
+        for c in range(pieces.shape[-1]):
+            total = jnp.zeros_like(u)
+            for a in range(4):
+                inner = sum(along_t[..., b] * pieces[:, a, b, c, None] for b in range(4))
+                total = total + along_s[..., a] * inner
+            columns.append(total)
+        return jnp.stack(columns, axis=-1)
+
+
+class PointTile(AbstractTile):
+    """Sixteen consecutive scattered samples a block."""
+
+    u: Float[Array, "blocks 16"]
+    v: Float[Array, "blocks 16"]
+    values: Float[Array, "blocks 16 d"]
+    weights: Float[Array, "blocks 16"]
+    variance: Float[Array, "blocks 16"] | None
+
+    def places(self) -> tuple[Array, Array]:
+        """Local coordinates of every lane."""
+        return self.u, self.v
+
+    def sums(self, weights: Array, values: Array) -> tuple[Array, Array]:
+        """Small matrix products, one a block."""
+        six_s = jnp.moveaxis(bernstein6(self.u) * weights[..., None], 1, 2)
+        mass = jnp.matmul(six_s, bernstein6(self.v), precision="highest")
+        cubic_s, cubic_t = jnp.moveaxis(bernstein(self.u), 1, 2), bernstein(self.v)
+        loads = [
+            jnp.matmul(cubic_s * (weights * values[..., c])[:, None], cubic_t, precision="highest")
+            for c in range(values.shape[-1])
+        ]
+        return mass, jnp.stack(loads, axis=-1)
+
+
+class PixelTile(AbstractTile):
+    """Squares of 4 × 4 pixels: `u` of their columns, `v` of their rows; lanes run along the rows."""
+
+    u: Float[Array, "blocks 4"]
+    v: Float[Array, "blocks 4"]
+    values: Float[Array, "blocks 16 d"]
+    weights: Float[Array, "blocks 16"]
+    variance: Float[Array, "blocks 16"] | None
+
+    def places(self) -> tuple[Array, Array]:
+        """Local coordinates of every lane."""
+        return jnp.tile(self.u, (1, SIDE)), jnp.repeat(self.v, SIDE, axis=1)
+
+    def sums(self, weights: Array, values: Array) -> tuple[Array, Array]:
+        """First along the rows, then along the columns."""
+        six = [jnp.moveaxis(bernstein6(x), 1, 2) for x in (self.u, self.v)]
+        cubic = [jnp.moveaxis(bernstein(x), 1, 2) for x in (self.u, self.v)]
+        grid = weights.reshape(-1, SIDE, SIDE)
+        loads = [_separable(*cubic, grid * values[..., c].reshape(grid.shape)) for c in range(values.shape[-1])]
+        return _separable(*six, grid), jnp.stack(loads, axis=-1)
+
+
+def _separable(
+    along_s: Float[Array, "blocks p 4"], along_t: Float[Array, "blocks p 4"], grid: Float[Array, "blocks 4 4"]
+) -> Float[Array, "blocks p p"]:
+    """Σ over rows i and columns j of along_s[a, j] along_t[b, i] grid[i, j], as plain sums of products."""
+    along_s, along_t, grid = barrier((along_s, along_t, grid))
+    rows = barrier(sum(along_s[:, :, j, None] * grid[:, None, :, j] for j in range(SIDE)))  # (blocks, a, i)
+    return sum(rows[:, :, i, None] * along_t[:, None, :, i] for i in range(SIDE))
+
+
+class DeviceSamples(eqx.Module):
+    """Values, weights and noise variances (times weights) on the device, padded; `None` stands for all one, or none.
+
+    `parameters` are those of scattered samples, or the number of columns and rows of a grid.
+    """
+
+    parameters: Array
+    values: Float[Array, "padded d"]
+    weights: Float[Array, " padded"] | None
+    variance: Float[Array, " padded"] | None
+
+
+@jax.jit
+def point_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PointTile:
+    """Fetch the samples of a tile of runs."""
+    lanes = jnp.arange(LANES)
+    index, real = fields[:, 0, None] + lanes, lanes < fields[:, 1, None]
+    places = samples.parameters[index]
+    u, v = (jnp.where(real, _local(places[..., k], slot, boxes, lattice, k), 0) for k in range(2))
+    weights = _weights(samples, index, real)
+    variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
+    return PointTile(u, v, samples.values[index], weights, variance)
+
+
+@jax.jit
+def pixel_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PixelTile:
+    """Fetch the pixels of a tile of squares; lanes beyond a square's edge repeat its last pixel."""
+    lanes = jnp.arange(SIDE)
+    column, row = (fields[:, k, None] + jnp.clip(lanes, 0, jnp.maximum(fields[:, k + 2, None] - 1, 0)) for k in (0, 1))
+    inside = (lanes < fields[:, 3, None])[:, :, None] & (lanes < fields[:, 2, None])[:, None]
+    index = (row[:, :, None] * samples.parameters[0] + column[:, None]).reshape(-1, LANES)
+    last = jnp.maximum(samples.parameters - 1, 1).astype(samples.values.dtype)
+    u, v = (
+        _local(place.astype(samples.values.dtype) / last[k], slot, boxes, lattice, k)
+        for k, place in enumerate((column, row))
+    )
+    real = inside.reshape(-1, LANES)
+    variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
+    return PixelTile(u, v, samples.values[index], _weights(samples, index, real), variance)
+
+
+def _local(places: Array, slot: Array, boxes: Array, lattice: Array, axis: int) -> Array:
+    """Parameters in the coordinates of their blocks' elements."""
+    scale = (lattice[axis] << DEPTH).astype(places.dtype)
+    low = boxes[slot, axis].astype(places.dtype) / scale
+    size = (boxes[slot, axis + 2] - boxes[slot, axis]).astype(places.dtype) / scale
+    return (places - low[:, None]) / jnp.where(size > 0, size, 1)[:, None]
+
+
+def _weights(samples: DeviceSamples, index: Array, real: Array) -> Array:
+    """Weights of the lanes; zero where padded."""
+    if samples.weights is None:
+        return real.astype(samples.values.dtype)
+    return jnp.where(real, samples.weights[index], 0)
