@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from tsplinejax.fitting._discretisation import Discretisation, discretise
 from tsplinejax.fitting._moments import Moments, add_samples, empty_moments
+from tsplinejax.fitting._samples import AbstractSamples, grid_samples, scattered_samples
+from tsplinejax.fitting._store import Store, assemble_rows, choose, fresh_store, renew_points
+from tsplinejax.fitting._system import System
 from tsplinejax.mesh import AbstractRefinement, Dyadic, TMesh, b_lattice, refine
-from tsplinejax.space import BLOCK, Order, SortedSamples, bezier_elements, sort_samples
+from tsplinejax.space import bezier_elements, to_device
 
 from ..blending import blending
 
@@ -26,56 +29,108 @@ def refined(rule: AbstractRefinement | None = None, *, steps: int = 3, seed: int
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A mesh with samples on it: `order` sorts them, `samples` are sorted and padded on the device."""
+    """A mesh with samples on it, on the host and on the device."""
 
     tmesh: TMesh
     parameters: np.ndarray
     values: np.ndarray
     weights: np.ndarray
-    order: Order
-    samples: SortedSamples
+    samples: AbstractSamples
     mesh: Discretisation
+    rational: bool
 
     @property
-    def rational(self) -> bool:
-        """Whether the mesh needs Eq. 2's division."""
-        return self.mesh.space.rational
+    def dimension(self) -> int:
+        """Components of a value."""
+        return self.values.shape[1]
 
-    def moments(self) -> Moments:
-        """Moments of all samples."""
-        empty = empty_moments(self.mesh.space, self.values.shape[1])
-        return add_samples(empty, self.mesh.space, self.samples, self.mesh.blocks, TILE)
+    @property
+    def lattice(self) -> Array:
+        """Squares of the start lattice, on the device."""
+        return to_device(np.asarray(self.tmesh.forest.lattice, np.int32))
+
+    def store(self) -> Store:
+        """Fresh device rows."""
+        return fresh_store(self.mesh, self.dimension, rational=self.rational, dtype=np.dtype(np.float64))
+
+    def moments(self, chosen: np.ndarray | None = None) -> Moments:
+        """Moments of all samples, or of those in the chosen elements."""
+        store, chosen = self.store(), np.arange(len(self.mesh.slots)) if chosen is None else chosen
+        sums = None
+        if self.rational:
+            every = choose(self.mesh.slots, self.mesh.capacity)
+            zeros = to_device(np.zeros((self.mesh.capacity, self.dimension)))
+            sums = renew_points(store, zeros, to_device(EXTENT), self.lattice, every)[0].points[..., -1:]
+        boxes = to_device(np.asarray(store.boxes))
+        empty = empty_moments(self.mesh.capacity, self.dimension, np.dtype(np.float64))
+        blocks = self.samples.blocks(self.mesh.elements, chosen, self.mesh.slots[chosen])
+        return add_samples(empty, self.samples, blocks, boxes, self.lattice, len(chosen), sums)[0]
+
+    def system(self, smoothing: float) -> System:
+        """The assembled system."""
+        store, every = self.store(), choose(self.mesh.slots, self.mesh.capacity)
+        parts = (store.functions, store.boxes, store.along_s, store.along_t, self.moments())
+        rows = (store.matrices, store.loads)
+        weight = to_device(np.float64(smoothing))
+        return System(store.functions, *assemble_rows(rows, parts, weight, to_device(EXTENT), self.lattice, every))
+
+    def element_of_samples(self) -> np.ndarray:
+        """Bézier element of each sample, by comparing with every box."""
+        scale, boxes = np.array(self.tmesh.extent), self.mesh.elements.boxes
+        places = np.minimum(self.parameters[:, None] * scale, scale - 0.5)  # the far ends belong to the last elements
+        return ((places >= boxes[:, :2]) & (places < boxes[:, 2:])).all(axis=2).argmax(axis=1)
+
+    def local_places(self, element: np.ndarray) -> np.ndarray:
+        """Samples in the coordinates of their elements."""
+        boxes = self.mesh.elements.boxes[element]
+        return (self.parameters * np.array(self.tmesh.extent) - boxes[:, :2]) / (boxes[:, 2:] - boxes[:, :2])
 
     def basis(self) -> np.ndarray:
         """Blending functions at the samples, divided by their sum where the mesh is rational: (m, n)."""
-        basis = blending(self.tmesh, self.parameters)
+        basis = blending(self.tmesh, np.minimum(self.parameters, 1 - 1e-14))  # its intervals are open at the far end
         return basis / basis.sum(axis=1, keepdims=True) if self.rational else basis
 
 
 def make_case(
-    tmesh: TMesh, *, count: int = 500, dimension: int = 1, hole: bool = False, rational: bool = False, seed: int = 0
+    tmesh: TMesh,
+    *,
+    count: int = 500,
+    dimension: int = 1,
+    hole: bool = False,
+    rational: bool = False,
+    grid: tuple[int, int] | None = None,
+    seed: int = 0,
+    tile: int = TILE,
 ) -> Case:
-    """Scattered, weighted samples of a smooth function with noise; with a hole they leave some elements empty."""
+    """Scattered, weighted samples of a smooth function with noise, or the pixels of a grid; a hole leaves some out."""
     generator = np.random.default_rng(seed)
-    parameters = generator.uniform(0.001, 0.999, (count, 2))
+    parameters, index = generator.uniform(0.001, 0.999, (count, 2)), None
+    if grid is not None:
+        index = np.arange(grid[0] * grid[1])
+        parameters = np.stack([index % grid[1] / (grid[1] - 1), index // grid[1] / (grid[0] - 1)], axis=1)
     if hole:
-        parameters = parameters[np.abs(parameters - 0.4).max(axis=1) > 0.25]
+        outside = np.abs(parameters - 0.4).max(axis=1) > 0.25
+        parameters, index = parameters[outside], None if index is None else index[outside]
     phases = generator.uniform(2, 6, (dimension, 2))
     values = np.sin(parameters @ phases.T) + 0.1 * generator.normal(size=(len(parameters), dimension))
     weights = generator.uniform(0.2, 2.0, len(parameters))
     weights[::17] = 0
-    order = sort_samples(tmesh, parameters)
-    sorted_parts = [part[order.permutation] for part in (parameters, values, weights)]
-    padded = [jnp.asarray(np.concatenate([part, np.zeros((BLOCK, *part.shape[1:]))])) for part in sorted_parts]
-    mesh = discretise(tmesh, order, dtype=np.dtype(np.float64), rational=rational, least_capacity=256)
-    return Case(tmesh, parameters, values, weights, order, SortedSamples(*padded), mesh)
+    options = {"dtype": np.dtype(np.float64), "tile_length": tile}
+    if grid is None:
+        samples = scattered_samples(tmesh, parameters, values, weights, None, **options)
+    else:
+        samples = grid_samples(tmesh, grid, index if hole else None, values, weights, None, **options)
+    return Case(tmesh, parameters, values, weights, samples, discretise(tmesh, 256), rational)
 
 
 CASES = {
     "closure": lambda: make_case(refined()),
     "hole": lambda: make_case(refined(), hole=True),
     "points in space": lambda: make_case(refined(seed=5), dimension=3),
+    "pixels": lambda: make_case(refined(), grid=(23, 31)),
+    "pixels with a hole": lambda: make_case(refined(), grid=(40, 22), hole=True),
     "rational": lambda: make_case(refined(Dyadic()), rational=True),
+    "rational, pixels": lambda: make_case(refined(Dyadic()), rational=True, grid=(23, 31)),
     "rational, in space": lambda: make_case(refined(Dyadic(), seed=4), dimension=3, rational=True),
 }
 

@@ -8,6 +8,7 @@ import pytest
 import tsplinejax as tsj
 from tsplinejax.fitting import StopReason, advance, begin, pose_fit, terminate
 from tsplinejax.fitting._criteria import explained_squares
+from tsplinejax.fitting._store import choose
 from tsplinejax.mesh import Dyadic, b_lattice, is_analysis_suitable
 
 from .problems import make_case, refined
@@ -121,13 +122,12 @@ def test_driven_by_hand():
 def test_explained_squares():
     """The noise test's statistic is the drop of Σ w r² when an element gets a bicubic patch of its own."""
     case = make_case(refined(), count=2500)
-    zeros = np.zeros((case.mesh.capacity, 4, 4, 1))
-    found = np.asarray(explained_squares(case.moments(), zeros))
-    element = np.asarray(case.mesh.space.locator(case.parameters))
-    tables = case.mesh.space.tables
+    zeros, every = np.zeros((case.mesh.capacity, 4, 4, 1)), choose(case.mesh.slots, case.mesh.capacity)
+    found = np.asarray(explained_squares(case.moments(), zeros, every))
+    element = case.element_of_samples()
     for chosen in np.flatnonzero(np.bincount(element, case.weights > 0) > 30)[:4]:
         inside = element == chosen
-        local = (case.parameters[inside] - np.asarray(tables.corner)[chosen]) / np.asarray(tables.size)[chosen]
+        local = case.local_places(element)[inside]
         root = np.sqrt(case.weights[inside])
         powers = np.stack([local[:, 0] ** i * local[:, 1] ** j for i in range(4) for j in range(4)], axis=1)
         target = root * case.values[inside, 0]

@@ -1,19 +1,16 @@
-"""Moments add up: over any chunking of the samples, any tiling of the blocks, and any numbering of the elements."""
+"""Moments add up: over any chunking of the samples, any tiling of the blocks, scattered or on a grid."""
 
-from itertools import pairwise
-
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from tsplinejax.fitting._discretisation import discretise, same_elements
-from tsplinejax.fitting._moments import Moments, add_samples, empty_moments, inherit_moments
+from tsplinejax.fitting._moments import Moments, add_samples
+from tsplinejax.fitting._samples import grid_samples, scattered_samples
 from tsplinejax.mesh import refine
-from tsplinejax.space import Blocks, bernstein, bernstein6, make_blocks, pad
+from tsplinejax.space import bernstein, bernstein6
 
-from .problems import CASES, TILE, Case, make_case, refined
+from .problems import CASES, Case, make_case, refined
 
 CASE = make_case(refined())
 
@@ -24,60 +21,73 @@ def close(first: Moments, second: Moments) -> None:
     np.testing.assert_allclose(first.load, second.load, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["closure", "hole", "points in space"])
+@pytest.mark.parametrize("name", ["closure", "hole", "points in space", "pixels", "pixels with a hole"])
 def test_moments_are_the_sums_of_the_definition(name):
     """Σ w B⁶ B⁶ and Σ w B³ B³ v, summed sample by sample."""
     case: Case = CASES[name]()
-    tables = case.mesh.space.tables
-    element = np.asarray(case.mesh.space.locator(jnp.asarray(case.parameters)))
-    local = (case.parameters - np.asarray(tables.corner)[element]) / np.asarray(tables.size)[element]
+    element = case.element_of_samples()
+    local = case.local_places(element)
     six, cubic = ([np.asarray(f(jnp.asarray(local[:, k]))) for k in range(2)] for f in (bernstein6, bernstein))
-    mass, load = np.zeros((case.mesh.capacity, 7, 7)), np.zeros((case.mesh.capacity, 4, 4, case.values.shape[1]))
+    mass, load = np.zeros((case.mesh.capacity, 7, 7)), np.zeros((case.mesh.capacity, 4, 4, case.dimension))
     np.add.at(mass, element, np.einsum("m,ma,mb->mab", case.weights, *six))
     np.add.at(load, element, np.einsum("m,ma,mb,md->mabd", case.weights, *cubic, case.values))
     close(case.moments(), Moments(jnp.asarray(mass), jnp.asarray(load)))
 
 
 @settings(max_examples=15)
-@given(st.lists(st.integers(0, 10_000), max_size=6))
-def test_any_chunking_adds_up(cuts):
-    """The blocks summed in any consecutive chunks give the moments of all at once."""
-    blocks, space = CASE.mesh.blocks, CASE.mesh.space
-    ends = [0, *sorted(cut % len(blocks.start) for cut in cuts), len(blocks.start)]
-    moments = empty_moments(space, 1)
-    for first, last in pairwise(ends):
-        chunk = Blocks(blocks.start[first:last], blocks.count[first:last], blocks.element[first:last])
-        moments = add_samples(moments, space, CASE.samples, chunk, TILE)
-    close(moments, CASE.moments())
+@given(st.integers(0, 2**20))
+def test_any_part_of_the_elements_adds_up(pattern):
+    """The elements summed in any two parts give the moments of all at once."""
+    chosen = np.array([pattern >> (k % 20) & 1 for k in range(len(CASE.mesh.slots))], bool)
+    parts = [CASE.moments(np.flatnonzero(part)) for part in (chosen, ~chosen)]
+    close(Moments(parts[0].mass + parts[1].mass, parts[0].load + parts[1].load), CASE.moments())
 
 
+@pytest.mark.parametrize("grid", [None, (23, 31)])
 @pytest.mark.parametrize("tile", [1, 7, 512])
-def test_any_tiling_adds_up(tile):
+def test_any_tiling_adds_up(tile, grid):
     """The length of a tile, and the padding it brings, changes nothing."""
-    space, blocks = CASE.mesh.space, CASE.mesh.blocks
-    close(add_samples(empty_moments(space, 1), space, CASE.samples, blocks, tile), CASE.moments())
+    close(make_case(refined(), grid=grid, tile=tile).moments(), make_case(refined(), grid=grid).moments())
 
 
-def test_changed_elements_only():
-    """After a refinement, inherited moments plus those of the changed elements are the moments of all samples."""
-    case = make_case(refined(steps=2))
-    finer = refine(case.tmesh, np.arange(case.tmesh.n_elements) % 3 == 0).mesh
-    mesh = discretise(finer, case.order, dtype=np.dtype(np.float64), rational=False, least_capacity=256)
-    source = same_elements(case.mesh.elements, mesh.elements)
-    assert 0 < (source >= 0).sum() < len(source)
-    moments = inherit_moments(case.moments(), jnp.asarray(pad(source, mesh.capacity, -1)))
-    changed = make_blocks(mesh.ranges, np.flatnonzero(source < 0))
-    moments = add_samples(moments, mesh.space, case.samples, changed, TILE)
-    close(moments, add_samples(empty_moments(mesh.space, 1), mesh.space, case.samples, mesh.blocks, TILE))
+@pytest.mark.parametrize("hole", [False, True])
+def test_pixels_are_samples(hole):
+    """The pixels of a grid give the same moments, counts, places and residual order as the same samples scattered."""
+    case = make_case(refined(), grid=(33, 27), hole=hole)
+    options = {"dtype": np.dtype(np.float64), "tile_length": 64}
+    scattered = scattered_samples(case.tmesh, case.parameters, case.values, case.weights, None, **options)
+    every, store = np.arange(len(case.mesh.slots)), case.store()
+    found = []
+    for samples in (case.samples, scattered):
+        blocks = samples.blocks(case.mesh.elements, every, case.mesh.slots)
+        part = add_samples(case.store().moments, samples, blocks, store.boxes, case.lattice, len(every))
+        found.append((*part, samples.places_in(case.tmesh)))
+    close(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1].samples, found[1][1].samples)
+    np.testing.assert_array_equal(found[0][2], found[1][2])
+    counted = np.bincount(case.element_of_samples(), case.weights > 0, len(every))
+    np.testing.assert_array_equal(found[0][1].samples, counted)
 
 
-def test_weights_scale_moments():
-    """Doubled weights double both moments; samples of weight zero leave no trace."""
-    space, blocks = CASE.mesh.space, CASE.mesh.blocks
-    doubled = eqx.tree_at(lambda s: s.weights, CASE.samples, 2 * CASE.samples.weights)
-    moments = add_samples(empty_moments(space, 1), space, doubled, blocks, TILE)
-    close(moments, Moments(2 * CASE.moments().mass, 2 * CASE.moments().load))
-    garbage = eqx.tree_at(
-        lambda s: s.values, CASE.samples, jnp.where(CASE.samples.weights[:, None] > 0, CASE.samples.values, 1e9)
+def test_variances_are_summed():
+    """An element's variance is the sum over its samples of a weight above zero."""
+    case = make_case(refined(), grid=(33, 27))
+    variance = np.random.default_rng(1).random(len(case.values))
+    options = {"dtype": np.dtype(np.float64), "tile_length": 64}
+    samples = grid_samples(case.tmesh, (33, 27), None, case.values, case.weights, variance, **options)
+    every, store = np.arange(len(case.mesh.slots)), case.store()
+    blocks = samples.blocks(case.mesh.elements, every, case.mesh.slots)
+    _, counts = add_samples(case.store().moments, samples, blocks, store.boxes, case.lattice, len(every))
+    expected = np.bincount(case.element_of_samples(), variance * (case.weights > 0), len(every))
+    np.testing.assert_allclose(counts.variance, expected, atol=1e-12)
+
+
+def test_places_are_counted():
+    """Elements with several places, one (whatever the samples there), or none are told apart."""
+    tmesh = refine(refined(steps=0), np.ones(6, bool)).mesh
+    low = tmesh.element_boxes[:, :2]
+    parameters = np.concatenate([low[:3] + 0.01, low[:3] + 0.01, low[:1] + 0.02])
+    samples = scattered_samples(
+        tmesh, parameters, np.ones((7, 1)), None, None, dtype=np.dtype(np.float64), tile_length=1
     )
-    close(add_samples(empty_moments(space, 1), space, garbage, blocks, TILE), CASE.moments())
+    assert samples.places_in(tmesh).tolist() == [2, 1, 1, *[0] * (tmesh.n_elements - 3)]

@@ -5,29 +5,18 @@ import numpy as np
 import pytest
 
 from tsplinejax.fitting._direct import solve_directly
-from tsplinejax.fitting._discretisation import discretise, same_elements, unaltered_functions
-from tsplinejax.fitting._moments import add_samples, empty_moments
-from tsplinejax.fitting._residuals import homogeneous_points, residuals
+from tsplinejax.fitting._residuals import all_residuals, residuals
 from tsplinejax.fitting._solve import conjugate_gradients
-from tsplinejax.fitting._system import System, assemble, empty_system, inherit_system, restrict
-from tsplinejax.mesh import refine
-from tsplinejax.space import pad
+from tsplinejax.fitting._store import choose, renew_points
+from tsplinejax.fitting._system import System
+from tsplinejax.space import pad, to_device
 
-from .problems import CASES, EXTENT, TILE, Case, dense_system, make_case, refined
-
-SIDES = jnp.asarray(EXTENT)
-
-
-def system_of(case: Case, smoothing: float) -> System:
-    """The assembled system of a case."""
-    every = np.arange(len(case.mesh.elements))
-    empty = empty_system(case.mesh.space, case.values.shape[1])
-    return assemble(empty, case.mesh.space, case.moments(), smoothing, SIDES, every)
+from .problems import CASES, EXTENT, Case, dense_system
 
 
 def as_dense(system: System, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Element matrices and loads added up."""
-    functions = np.asarray(system.functions)
+    functions = np.maximum(np.asarray(system.functions), 0)
     matrix, load = np.zeros((n, n)), np.zeros((n, system.loads.shape[2]))
     np.add.at(matrix, (functions[:, :, None], functions[:, None]), np.asarray(system.matrices))
     np.add.at(load, functions, np.asarray(system.loads))
@@ -36,23 +25,25 @@ def as_dense(system: System, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def solve(system: System, case: Case, iterations: int = 3000, free: np.ndarray | None = None, start=None):
     """Conjugate gradients to the end, from zero, over all control points unless told otherwise."""
-    capacity, d, n = case.mesh.capacity, case.values.shape[1], case.tmesh.n_anchors
-    start = jnp.zeros((capacity, d)) if start is None else start
+    capacity, n = case.mesh.capacity, case.tmesh.n_anchors
+    start = jnp.zeros((capacity, case.dimension)) if start is None else start
     free = np.ones(n, bool) if free is None else free
+    affected = case.mesh.slots[case.mesh.touched_by(free)]
+    mask = jnp.asarray(pad(free, capacity, False))
     return conjugate_gradients(
-        system, start, jnp.asarray(pad(free, capacity, False)), jnp.asarray(iterations), jnp.asarray(1e-15)
+        system, choose(affected, capacity), start, mask, jnp.asarray(iterations), jnp.asarray(1e-15)
     )
 
 
 @pytest.mark.parametrize(
     ("name", "smoothing"),
-    [*((name, 0.0) for name in CASES), *((name, 1e-3) for name in ("closure", "hole", "points in space"))],
+    [*((name, 0.0) for name in CASES), *((name, 1e-3) for name in ("closure", "hole", "points in space", "pixels"))],
 )
 def test_normal_equations(name, smoothing):
     """Weights, bending energy, points in space, holes, and the rational form: same matrix, same right-hand side."""
     case = CASES[name]()
     matrix, load = dense_system(case, smoothing)
-    found, found_load = as_dense(system_of(case, smoothing), case.tmesh.n_anchors)
+    found, found_load = as_dense(case.system(smoothing), case.tmesh.n_anchors)
     np.testing.assert_allclose(found, matrix, atol=1e-11 * np.abs(matrix).max())
     np.testing.assert_allclose(found_load, load, atol=1e-11 * np.abs(load).max())
 
@@ -64,7 +55,7 @@ def test_conjugate_gradients_against_dense(name):
     smoothing = 0.0 if case.rational else 1e-4
     matrix, load = dense_system(case, smoothing)
     expected = case.basis() @ np.linalg.lstsq(matrix, load, rcond=None)[0]
-    solution = solve(system_of(case, smoothing), case)
+    solution = solve(case.system(smoothing), case)
     found = case.basis() @ np.asarray(solution.coefficients)[: case.tmesh.n_anchors]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
@@ -74,10 +65,10 @@ def test_direct_solution():
     case = CASES["hole"]()
     matrix, load = dense_system(case, 1e-4)
     start = jnp.zeros((case.mesh.capacity, 1))
-    found = solve_directly(system_of(case, 1e-4), start, case.tmesh.n_anchors)
+    found = solve_directly(case.system(1e-4), start, case.tmesh.n_anchors)
     np.testing.assert_allclose(np.asarray(found)[: case.tmesh.n_anchors], np.linalg.solve(matrix, load), atol=1e-8)
     assert not np.asarray(found)[case.tmesh.n_anchors :].any()
-    bare = system_of(case, 0.0)
+    bare = case.system(0.0)
     unseen = np.diagonal(dense_system(case, 0.0)[0]) == 0
     kept = solve_directly(bare, start + 7.0, case.tmesh.n_anchors)
     if kept is not None:
@@ -88,7 +79,7 @@ def test_every_iteration_lowers_the_objective():
     """From any start, more iterations never give a higher objective."""
     case = CASES["hole"]()
     matrix, load = dense_system(case, 1e-6)
-    system = system_of(case, 1e-6)
+    system = case.system(1e-6)
     start = jnp.asarray(np.random.default_rng(0).normal(size=(case.mesh.capacity, 1)))
     objectives = []
     for iterations in (0, 1, 2, 5, 10, 40, 200):
@@ -105,52 +96,30 @@ def test_frozen_coefficients_stay():
     free = generator.random(n) < 0.4
     start = generator.normal(size=(n, 1))
     device = jnp.asarray(pad(start, case.mesh.capacity, 0.0))
-    found = np.asarray(solve(system_of(case, 1e-4), case, free=free, start=device).coefficients)[:n]
+    found = np.asarray(solve(case.system(1e-4), case, free=free, start=device).coefficients)[:n]
     np.testing.assert_array_equal(found[~free], start[~free])
     rest = load[free] - matrix[np.ix_(free, ~free)] @ start[~free]
     np.testing.assert_allclose(found[free], np.linalg.solve(matrix[np.ix_(free, free)], rest), atol=1e-8)
 
 
-def test_restriction_to_everything():
-    """Restricted to all its elements, padded, a system stays the same: local over everything is global."""
-    case = CASES["points in space"]()
-    system = system_of(case, 1e-4)
-    every = pad(np.arange(len(case.mesh.elements), dtype=np.int32), 1024, -1)
-    local, whole = solve(restrict(system, jnp.asarray(every)), case), solve(system, case)
-    np.testing.assert_allclose(local.coefficients, whole.coefficients, atol=1e-9)
-
-
-def test_inherited_system():
-    """After a refinement, inherited matrices and those of changed neighbourhoods are the system assembled anew."""
-    case = make_case(refined(steps=1, lattice=(10, 8)))
-    finer = refine(case.tmesh, np.arange(case.tmesh.n_elements) == 0).mesh
-    mesh = discretise(finer, case.order, dtype=np.dtype(np.float64), rational=False, least_capacity=256)
-    moments = add_samples(empty_moments(mesh.space, 1), mesh.space, case.samples, mesh.blocks, TILE)
-    source = same_elements(case.mesh.elements, mesh.elements)
-    kept = unaltered_functions(case.tmesh, finer)
-    altered = (kept < 0)[mesh.elements.functions].any(axis=1) | (source < 0)
-    assert 0 < altered.sum() < len(altered)
-    device = jnp.asarray(pad(source.astype(np.int32), mesh.capacity, -1))
-    inherited = inherit_system(system_of(case, 1e-4), mesh.space.tables.functions, device)
-    updated = assemble(inherited, mesh.space, moments, 1e-4, SIDES, np.flatnonzero(altered))
-    anew = assemble(empty_system(mesh.space, 1), mesh.space, moments, 1e-4, SIDES, np.arange(len(mesh.elements)))
-    np.testing.assert_allclose(updated.matrices, anew.matrices, atol=1e-9)
-    np.testing.assert_allclose(updated.loads, anew.loads, atol=1e-11)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_residuals(name):
-    """Value minus surface at every sample; each block's largest and sums of squares are of those with weight."""
+    """Value minus surface at every sample; an element's largest and sums of squares are of those with weight."""
     case = CASES[name]()
-    coefficients = np.random.default_rng(2).normal(size=(case.tmesh.n_anchors, case.values.shape[1]))
-    points = homogeneous_points(case.mesh.space, jnp.asarray(pad(coefficients, case.mesh.capacity, 0.0)))
-    assert points.shape[-1] == case.values.shape[1] + case.rational
-    rest = residuals(case.mesh.space, points, case.samples, case.mesh.blocks, TILE)
+    coefficients = np.random.default_rng(2).normal(size=(case.tmesh.n_anchors, case.dimension))
+    padded, slots = to_device(pad(coefficients, case.mesh.capacity, 0.0)), case.mesh.slots
+    every = choose(slots, case.mesh.capacity)
+    store, _ = renew_points(case.store(), padded, to_device(EXTENT), case.lattice, every)
+    assert store.points.shape[-1] == case.dimension + case.rational
+    blocks = case.samples.blocks(case.mesh.elements, np.arange(len(slots)), slots)
     expected = case.values - case.basis() @ coefficients
-    found = np.empty_like(expected)
-    found[case.order.permutation] = rest.values()
+    found = all_residuals(case.samples, blocks, store.points, store.boxes, case.lattice)
     np.testing.assert_allclose(found, expected, atol=1e-11)
+    rest = residuals(case.samples, blocks, store.points, store.boxes, case.lattice, len(slots))
+    element, counted = case.element_of_samples(), case.weights > 0
     squares = np.sum(expected**2, axis=1)
-    assert rest.largest.max() == pytest.approx(np.sqrt(squares[case.weights > 0].max()))
-    assert rest.weighted.sum() == pytest.approx(np.sum(case.weights * squares))
-    assert rest.plain.sum() == pytest.approx(np.sum(squares[case.weights > 0]))
+    largest = np.zeros(len(slots))
+    np.maximum.at(largest, element[counted], np.sqrt(squares[counted]))
+    np.testing.assert_allclose(rest.largest, largest, atol=1e-11)
+    np.testing.assert_allclose(rest.weighted, np.bincount(element, case.weights * squares, len(slots)), atol=1e-10)
+    np.testing.assert_allclose(rest.plain, np.bincount(element, squares * counted, len(slots)), atol=1e-10)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
 from ..mesh import MAX_LEVEL, Refinement, bisect
-from ..space import knot_arrays, pad, to_device
+from ..space import pad, to_device
 from ..surface import beside_anchors
 from ._criteria import NoiseCriterion, explained_squares
 from ._direct import solve_directly
@@ -30,13 +30,12 @@ from ._store import (
     Store,
     choose,
     clear,
-    empty_store,
+    fresh_store,
     grow,
-    renew_functions,
     renew_points,
     renew_system,
     transfer,
-    with_topology,
+    with_mesh,
 )
 from ._tally import Tally, empty_tally
 
@@ -121,7 +120,7 @@ def advance(problem: Problem, state: State) -> State:
     else:
         store = state.store if state.store.capacity == mesh.capacity else grow(state.store, mesh.capacity)
         changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
-        store = _with_mesh(mesh, store, touched)
+        store = with_mesh(store, mesh, touched)
     store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
     store = _assemble(problem, store, choose(touched, mesh.capacity))
     coefficients, affected = _solve_step(problem, mesh, store, coefficients, step.kept < 0)
@@ -225,18 +224,7 @@ def _every(mesh: Discretisation) -> Chosen:
 
 def _fresh_store(problem: Problem, mesh: Discretisation) -> Store:
     """A store of this mesh alone, without samples."""
-    d = problem.dimension
-    width = mesh.elements.functions.shape[1]
-    store = empty_store(mesh.capacity, width, d, d + problem.rational, problem.dtype)
-    return _with_mesh(mesh, store, mesh.slots)
-
-
-def _with_mesh(mesh: Discretisation, store: Store, touched: np.ndarray) -> Store:
-    """The store with the topology of a mesh, and the functions of the touched elements extracted anew."""
-    store = with_topology(store, mesh.by_slot(mesh.elements.functions), mesh.by_slot(mesh.elements.boxes))
-    dtype = np.dtype(store.along_s.dtype)
-    knots = knot_arrays(mesh.tmesh, mesh.tmesh.local_knots, mesh.capacity, dtype)
-    return renew_functions(store, knots, choose(touched, mesh.capacity))
+    return fresh_store(mesh, problem.dimension, rational=problem.rational, dtype=problem.dtype)
 
 
 def _accumulate(

@@ -29,9 +29,9 @@ def piece_energies(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) 
     """The energy of each polynomial piece with these Bézier points, on an element with these physical sides."""
     total = jnp.zeros(len(points), points.dtype)
     for order_s, order_t, factor in ((2, 0, 1), (1, 1, 2), (0, 2, 1)):
-        gram_s, gram_t = (np.asarray(gram(order)) for order in (order_s, order_t))
-        half = [sum(gram_s[a, c] * points[:, c] for c in range(4)) for a in range(4)]
-        full = [[sum(gram_t[b, f] * half[a][:, f] for f in range(4)) for b in range(4)] for a in range(4)]
+        gram_s, gram_t = (np.asarray(gram(order)).tolist() for order in (order_s, order_t))
+        half = [sum(gram_s[a][c] * points[:, c] for c in range(4)) for a in range(4)]
+        full = [[sum(gram_t[b][f] * half[a][:, f] for f in range(4)) for b in range(4)] for a in range(4)]
         pieces = sum(jnp.sum(full[a][b] * points[:, a, b], axis=-1) for a in range(4) for b in range(4))
         total += factor * pieces * sides[:, 0] ** (1 - 2 * order_s) * sides[:, 1] ** (1 - 2 * order_t)
     return total

@@ -18,7 +18,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mesh import DEPTH
-from ..space import blossom_weights, extract, pad, to_device
+from ..space import blossom_weights, extract, knot_arrays, pad, to_device
+from ._discretisation import Discretisation
 from ._energy import piece_energies
 from ._moments import Moments, empty_moments
 from ._system import System, element_matrices
@@ -98,10 +99,22 @@ def grow(store: Store, capacity: int) -> Store:
     return jax.tree.map(longer, store)
 
 
-def with_topology(store: Store, functions: np.ndarray, boxes: np.ndarray) -> Store:
-    """The store with the functions and boxes of another mesh, by slot."""
-    padded = pad(functions, store.capacity, -1), pad(boxes.astype(np.int32), store.capacity, 0)
-    return replace(store, functions=to_device(padded[0]), boxes=to_device(padded[1]))
+def fresh_store(mesh: Discretisation, dimension: int, *, rational: bool, dtype: np.dtype) -> Store:
+    """A store of this mesh alone, without samples."""
+    width = mesh.elements.functions.shape[1]
+    store = empty_store(mesh.capacity, width, dimension, dimension + rational, dtype)
+    return with_mesh(store, mesh, mesh.slots)
+
+
+def with_mesh(store: Store, mesh: Discretisation, touched: np.ndarray) -> Store:
+    """The store with the topology of a mesh, and the functions of the touched elements (slots) extracted anew."""
+    functions = pad(mesh.by_slot(mesh.elements.functions), store.capacity, -1)
+    boxes = pad(mesh.by_slot(mesh.elements.boxes).astype(np.int32), store.capacity, 0)
+    store = replace(store, functions=to_device(functions), boxes=to_device(boxes))
+    knots = knot_arrays(mesh.tmesh, mesh.tmesh.local_knots, mesh.capacity, np.dtype(store.along_s.dtype))
+    chosen = choose(touched, mesh.capacity)
+    along = _extract_rows((store.along_s, store.along_t), store.functions, store.boxes, knots, chosen)
+    return replace(store, along_s=along[0], along_t=along[1])
 
 
 def over(chosen: Chosen, turn: Callable[[Array, Array, Carry], Carry], carry: Carry) -> Carry:
@@ -133,12 +146,6 @@ def clear(moments: Moments, chosen: Chosen) -> Moments:
 def _sides(boxes: Int[Array, "e 4"], lattice: Int[Array, " 2"], dtype: np.dtype) -> Float[Array, "e 2"]:
     """Sizes of elements in parameters."""
     return (boxes[:, 2:] - boxes[:, :2]).astype(dtype) / (lattice << DEPTH).astype(dtype)
-
-
-def renew_functions(store: Store, knots: Array, chosen: Chosen) -> Store:
-    """Extract the chosen elements' functions from local knots in index coordinates, (capacity, 2, 5)."""
-    along = _extract_rows((store.along_s, store.along_t), store.functions, store.boxes, knots, chosen)
-    return replace(store, along_s=along[0], along_t=along[1])
 
 
 @partial(jax.jit, donate_argnums=0)
