@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tsplinejax import lstsq
-from tsplinejax.fitting._energy import default_smoothing, element_energy, piece_energies, smoothing_for_cutoff
+from tsplinejax.fitting._energy import bernstein_energy, default_smoothing, piece_energies, smoothing_for_cutoff
 from tsplinejax.mesh import b_lattice, refine
 from tsplinejax.space import spline_space
 from tsplinejax.surface import bezier_points, make_surface, transfer
@@ -34,7 +34,9 @@ def test_element_matrices_add_up_to_the_energy():
     tmesh = refined()
     space, n = spline_space(tmesh), tmesh.n_anchors
     tables = space.tables
-    matrices = np.asarray(element_energy(tables.along_s, tables.along_t, tables.size * EXTENT))
+    along = [np.asarray(part) for part in (tables.along_s, tables.along_t)]
+    basis = np.einsum("eka,ekb->ekab", *along).reshape(*along[0].shape[:2], 16)
+    matrices = np.einsum("eia,eab,ejb->eij", basis, bernstein_energy(tables.size * EXTENT), basis)
     functions, matrix = np.asarray(tables.functions), np.zeros((n, n))
     np.add.at(matrix, (functions[:, :, None], functions[:, None]), matrices)
     expected = bending_matrix(tmesh)

@@ -31,7 +31,7 @@ def solve(system: System, case: Case, iterations: int = 3000, free: np.ndarray |
     affected = case.mesh.slots[case.mesh.touched_by(free)]
     mask = jnp.asarray(pad(free, capacity, False))
     return conjugate_gradients(
-        system, choose(affected, capacity), start, mask, jnp.asarray(iterations), jnp.asarray(1e-15)
+        system, choose(affected, capacity), start, mask, jnp.asarray(iterations), jnp.asarray(1e-15), jnp.asarray(0.0)
     )
 
 

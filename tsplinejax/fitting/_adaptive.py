@@ -40,9 +40,11 @@ from ._store import (
 from ._tally import Tally, empty_tally
 
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
+# Where a step's solve and the last one may end: moves of the control points, in thresholds of the criterion.
+LOOSE, FINE = 0.1, 0.003
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
-# Relative gradients: where the start's and a later long solve stop, and above which it needs help.
-TIGHT, ENOUGH, ACCEPTABLE = 1e-13, 1e-10, 1e-5
+# Relative gradients: where a long solve stops for certain, and above which it needs help.
+TIGHT, ACCEPTABLE = 1e-13, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def begin(problem: Problem) -> State:
     coefficients = to_device(np.zeros((mesh.capacity, problem.dimension)), problem.dtype)
     store, tally = _accumulate(problem, mesh, store, coefficients, empty_tally(len(mesh.slots)), mesh.slots)
     store = _assemble(problem, store, _every(mesh))
-    coefficients = _solve_long(problem, mesh, store, coefficients, TIGHT)
+    coefficients = _solve_long(problem, mesh, store, coefficients, 0.0)
     state = State(mesh, store, coefficients, tally, np.zeros(0), np.inf, True, (), started)
     return _measured(problem, state, mesh.slots, started)
 
@@ -114,16 +116,20 @@ def advance(problem: Problem, state: State) -> State:
         return replace(state, exhausted=True)
     step = change(state.mesh, refinement.mesh, problem.least_capacity)
     mesh = step.mesh
+    if state.store.capacity < mesh.capacity:
+        state = replace(
+            state, store=grow(state.store, mesh.capacity), coefficients=grow(state.coefficients, mesh.capacity)
+        )
     coefficients = _transferred(problem, state, step)
     if problem.rational:  # Σb changes weights and values of every altered neighbourhood: all of it is summed anew
         store, changed, touched = _fresh_store(problem, mesh), mesh.slots, mesh.slots
     else:
-        store = state.store if state.store.capacity == mesh.capacity else grow(state.store, mesh.capacity)
         changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
-        store = with_mesh(store, mesh, touched)
+        store = with_mesh(state.store, mesh, touched)
     store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
     store = _assemble(problem, store, choose(touched, mesh.capacity))
-    coefficients, affected = _solve_step(problem, mesh, store, coefficients, step.kept < 0)
+    least_move = LOOSE * max(1.0, stage) * problem.criterion.resolution(tally)
+    coefficients, affected = _solve_step(problem, mesh, store, coefficients, step.kept < 0, least_move)
     after = replace(state, mesh=mesh, store=store, coefficients=coefficients, tally=tally, stage=stage, polished=False)
     return _measured(problem, after, mesh.slots if problem.rational else affected, started)
 
@@ -131,7 +137,8 @@ def advance(problem: Problem, state: State) -> State:
 def polish(problem: Problem, state: State) -> State:
     """The same step after a long solve for all control points."""
     started = time.perf_counter() - state.history[-1].seconds
-    coefficients = _solve_long(problem, state.mesh, state.store, state.coefficients, ENOUGH)
+    least_move = FINE * problem.criterion.resolution(state.tally)
+    coefficients = _solve_long(problem, state.mesh, state.store, state.coefficients, least_move)
     return with_coefficients(problem, replace(state, polished=True), coefficients, started)
 
 
@@ -269,7 +276,12 @@ def _transferred(problem: Problem, state: State, step: Change) -> Array:
 
 
 def _solve_step(
-    problem: Problem, mesh: Discretisation, store: Store, start: Array, altered: Bool[np.ndarray, " n"]
+    problem: Problem,
+    mesh: Discretisation,
+    store: Store,
+    start: Array,
+    altered: Bool[np.ndarray, " n"],
+    least_move: float,
 ) -> tuple[Array, np.ndarray]:
     """The step's own solve, a few iterations for all control points or the altered ones and their rings.
 
@@ -289,14 +301,15 @@ def _solve_step(
         to_device(pad(free, mesh.capacity, False)),
         to_device(solver.iterations, np.int32),
         to_device(TIGHT, problem.dtype),
+        to_device(least_move, problem.dtype),
     )
     return solution.coefficients, affected
 
 
-def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Array, tolerance: float) -> Array:
+def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Array, least_move: float) -> Array:
     """Solve for all control points to the end; a sparse factorisation helps where iterations do not get there."""
     n = mesh.tmesh.n_anchors
-    tight = max(tolerance, 10 * float(np.finfo(problem.dtype).eps))
+    tight = max(TIGHT, 10 * float(np.finfo(problem.dtype).eps))
     solution = conjugate_gradients(
         store.system,
         _every(mesh),
@@ -304,8 +317,9 @@ def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Arr
         to_device(np.arange(mesh.capacity) < n),
         to_device(LONG_SOLVE, np.int32),
         to_device(tight, problem.dtype),
+        to_device(least_move, problem.dtype),
     )
-    if float(solution.error) > max(ACCEPTABLE, tight):
+    if int(solution.iterations) == LONG_SOLVE and float(solution.error) > ACCEPTABLE:
         exact = solve_directly(store.system, solution.coefficients, n)
         return solution.coefficients if exact is None else exact
     return solution.coefficients

@@ -37,6 +37,10 @@ class AbstractCriterion:
         """The reason to stop once no element violates the criterion."""
 
     @abstractmethod
+    def resolution(self, tally: Tally) -> float:
+        """The error, in the fit's scale, that the threshold stands for: what a solve need not go far below."""
+
+    @abstractmethod
     def stage_tolerance(self, multiple: float, factor: float) -> float | None:
         """What a multiple of the threshold is in the data's unit, if anything; `factor` scales fitted values to it."""
 
@@ -55,6 +59,10 @@ class ToleranceCriterion(AbstractCriterion):
     def met(self) -> StopReason:
         """The tolerance is met."""
         return StopReason.TOLERANCE
+
+    def resolution(self, tally: Tally) -> float:
+        """The tolerance."""
+        return self.tolerance
 
     def stage_tolerance(self, multiple: float, factor: float) -> float:
         """The multiple of the tolerance, in the data's unit."""
@@ -82,6 +90,10 @@ class NoiseCriterion(AbstractCriterion):
     def met(self) -> StopReason:
         """The residuals look like noise."""
         return StopReason.NOISE
+
+    def resolution(self, tally: Tally) -> float:
+        """The noise's standard deviation over the square root of the samples of a control point, about sixteen."""
+        return 0.25 * float(np.sqrt(tally.variance.sum() / max(tally.counts.sum(), 1.0)))
 
     def stage_tolerance(self, multiple: float, factor: float) -> float | None:
         """Nothing: the test has thresholds of its own."""

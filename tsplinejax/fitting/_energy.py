@@ -5,6 +5,8 @@ smoothing weight λ do not depend on the unit of length. A linear smoothing of w
 transmits a wave of length L with 1 / (1 + (λc / L)⁴), where λ = m (λc / 2π)⁴ and λc is in the same unit of length.
 """
 
+from functools import lru_cache
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,29 +14,30 @@ from jaxtyping import Array, Float
 from ..space import gram
 
 
-def element_energy(
-    along_s: Float[Array, "e K 4"], along_t: Float[Array, "e K 4"], sides: Float[Array, "e 2"]
-) -> Float[Array, "e K K"]:
-    """Energy matrices of Bézier elements with physical sides, closed Bernstein integrals."""
-    grams = [jnp.asarray(gram(order), along_s.dtype) for order in range(3)]
-    s, t = (
-        [jnp.einsum("eia,ab,ejb->eij", along, matrix, along, precision="highest") for matrix in grams]
-        for along in (along_s, along_t)
-    )
-    width, height = sides[:, 0, None, None], sides[:, 1, None, None]
-    return s[2] * t[0] * height / width**3 + 2 * s[1] * t[1] / (width * height) + s[0] * t[2] * width / height**3
+@lru_cache
+def _grams() -> Float[np.ndarray, "3 16 16"]:
+    """∫ f_uu², 2 ∫ f_uv² and ∫ f_vv² of sixteen Bernstein products over the unit square, as quadratic forms."""
+    terms = ((2, 0, 1), (1, 1, 2), (0, 2, 1))
+    return np.stack([factor * np.kron(gram(order_s), gram(order_t)) for order_s, order_t, factor in terms])
+
+
+def _scales(sides: Float[Array, "e 2"]) -> Float[Array, "e 3"]:
+    """What the three terms become on elements with physical sides."""
+    width, height = sides[:, 0], sides[:, 1]
+    return jnp.stack([height / width**3, 1 / (width * height), width / height**3], axis=1)
+
+
+def bernstein_energy(sides: Float[Array, "e 2"]) -> Float[Array, "e 16 16"]:
+    """Energy matrices of the sixteen Bernstein products on elements with physical sides, closed integrals."""
+    return jnp.einsum("ek,kij->eij", _scales(sides), jnp.asarray(_grams(), sides.dtype), precision="highest")
 
 
 def piece_energies(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) -> Float[Array, " e"]:
     """The energy of each polynomial piece with these Bézier points, on an element with these physical sides."""
-    total = jnp.zeros(len(points), points.dtype)
-    for order_s, order_t, factor in ((2, 0, 1), (1, 1, 2), (0, 2, 1)):
-        gram_s, gram_t = (np.asarray(gram(order)).tolist() for order in (order_s, order_t))
-        half = [sum(gram_s[a][c] * points[:, c] for c in range(4)) for a in range(4)]
-        full = [[sum(gram_t[b][f] * half[a][:, f] for f in range(4)) for b in range(4)] for a in range(4)]
-        pieces = sum(jnp.sum(full[a][b] * points[:, a, b], axis=-1) for a in range(4) for b in range(4))
-        total += factor * pieces * sides[:, 0] ** (1 - 2 * order_s) * sides[:, 1] ** (1 - 2 * order_t)
-    return total
+    flat = points.reshape(len(points), 16, -1)
+    scales, grams = _scales(sides), jnp.asarray(_grams(), points.dtype)
+    terms = [jnp.sum(flat * jnp.einsum("ij,ejd->eid", form, flat, precision="highest"), axis=(1, 2)) for form in grams]
+    return terms[0] * scales[:, 0] + terms[1] * scales[:, 1] + terms[2] * scales[:, 2]
 
 
 def default_smoothing(n_samples: int) -> float:

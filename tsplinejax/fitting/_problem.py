@@ -119,7 +119,7 @@ class Problem:
     @property
     def least_capacity(self) -> int:
         """Smallest padded length: small data take little memory, large data compile few kernels."""
-        sizes = ((1 << 13, 256), (1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
+        sizes = ((1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
         return next((capacity for limit, capacity in sizes if self.n_samples < limit), 65536)
 
 

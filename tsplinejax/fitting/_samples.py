@@ -194,7 +194,7 @@ class GridSamples(AbstractSamples):
     def _summed(self) -> np.ndarray:
         """Number of samples below and left of every pixel corner."""
         present = np.zeros((len(self.rows) + 1, len(self.columns) + 1), np.int64)
-        present[1:, 1:].flat[self.index] = 1
+        present[1:, 1:].flat[np.arange(present[1:, 1:].size) if self.index is None else self.index] = 1
         return present.cumsum(axis=0).cumsum(axis=1)
 
     def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
@@ -266,11 +266,16 @@ def scattered_samples(
     codes, permutation = sample_order(tmesh, parameters)
     length = padded_length(len(values) + LANES)
 
-    def put(part: np.ndarray | None) -> Array | None:
-        return None if part is None else to_device(pad(part[permutation].astype(dtype), length, 0))
+    def put(part: np.ndarray) -> Array:
+        return to_device(pad(part[permutation].astype(dtype), length, 0))
 
-    arrays = DeviceSamples(*(put(part) for part in (parameters, values, weights, variance)))
-    return ScatteredSamples(codes, permutation, arrays, tile_length)
+    device = DeviceSamples(
+        put(parameters),
+        put(values),
+        None if weights is None else put(weights),
+        None if variance is None else put(variance),
+    )
+    return ScatteredSamples(codes, permutation, device, tile_length)
 
 
 def grid_samples(
@@ -290,10 +295,15 @@ def grid_samples(
     if index is not None and weights is None:
         weights = np.ones(len(values))
 
-    def put(part: np.ndarray | None) -> Array | None:
-        return None if part is None else _spread(part, index, length, dtype)
+    def put(part: np.ndarray) -> Array:
+        return _spread(part, index, length, dtype)
 
     size = to_device(np.array([shape[1], shape[0]], np.int32))
-    arrays = DeviceSamples(size, put(values), put(weights), put(variance))
-    lines = [grid_lines(count, squares) for count, squares in zip(shape[::-1], tmesh.forest.lattice, strict=True)]
-    return GridSamples(*lines, index, arrays, tile_length)
+    device = DeviceSamples(
+        size,
+        put(values),
+        None if weights is None else put(weights),
+        None if variance is None else put(variance),
+    )
+    columns = grid_lines(shape[1], tmesh.forest.lattice[0])
+    return GridSamples(columns, grid_lines(shape[0], tmesh.forest.lattice[1]), index, device, tile_length)

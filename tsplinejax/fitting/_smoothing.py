@@ -67,7 +67,12 @@ class _Trial:
         start = jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.dimension].set(self.state.coefficients)
         free = jnp.arange(mesh.capacity) < mesh.tmesh.n_anchors
         solution = conjugate_gradients(
-            system, every, start, free, jnp.asarray(ITERATIONS, jnp.int32), jnp.asarray(1e-6, problem.dtype)
+            system,
+            every,
+            start,
+            free,
+            to_device(ITERATIONS, np.int32),
+            *(to_device(limit, problem.dtype) for limit in (1e-6, 0.0)),
         ).coefficients
         values = problem.dimension
         local = solution[system.functions]

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._store import Chosen, over
 from ._system import System
+from ._tiles import add_up
 
 
 class AbstractSolver:
@@ -49,11 +50,11 @@ class LocalSolver(AbstractSolver):
     - `iterations`: conjugate-gradient iterations of a step at most; a loose solve is enough to mark by.
 
     >>> LocalSolver(ring=0)
-    LocalSolver(ring=0, iterations=20)
+    LocalSolver(ring=0, iterations=12)
     """
 
     ring: int = 1
-    iterations: int = 20
+    iterations: int = 12
 
 
 class Solution(eqx.Module):
@@ -72,11 +73,12 @@ def conjugate_gradients(
     free: Bool[Array, " capacity"],
     iterations: Int[Array, ""],
     tolerance: Float[Array, ""],
+    least_move: Float[Array, ""],
 ) -> Solution:
     """Lower the objective from `start` by conjugate gradients with diagonal scaling, over the free coefficients.
 
-    `chosen` lists the Bézier elements on which any of them lives. Stops after `iterations`, or where the scaled
-    gradient has fallen below `tolerance` of the scaled load.
+    `chosen` lists the Bézier elements on which any of them lives. Stops after `iterations`, where the scaled gradient
+    has fallen below `tolerance` of the scaled load, or where no coefficient moves by more than `least_move`.
     """
     diagonal, load, product = _first_pass(system, chosen, start)
     movable = free & (diagonal > 0)
@@ -87,7 +89,7 @@ def conjugate_gradients(
 
     load_norm = jnp.sum(load * scale * load, axis=0)
     gradient = jnp.where(movable[:, None], load - product, 0)
-    x, k, energy = descend(apply, start, gradient, scale, tolerance**2 * load_norm, iterations)
+    x, k, energy = descend(apply, start, gradient, scale, tolerance**2 * load_norm, iterations, least_move)
     error = jnp.sqrt(jnp.max(energy / jnp.where(load_norm > 0, load_norm, 1)))
     return Solution(x, k, error)
 
@@ -105,7 +107,7 @@ def _products(system: System, rows: Array, real: Array, x: Array) -> Float[Array
     """A_e x for a chunk of elements; the matrices are symmetric, so their rows serve as columns."""
     local = x[jnp.maximum(system.functions[rows], 0)]
     local = jnp.where(real[:, None, None], local, 0)
-    return sum(system.matrices[rows, j][..., None] * local[:, j, None] for j in range(local.shape[1]))
+    return add_up(system.matrices[rows, j][..., None] * local[:, j, None] for j in range(local.shape[1]))
 
 
 def _first_pass(system: System, chosen: Chosen, x: Array) -> tuple[Array, Array, Array]:
@@ -115,8 +117,9 @@ def _first_pass(system: System, chosen: Chosen, x: Array) -> tuple[Array, Array,
         functions = jnp.maximum(system.functions[rows], 0)
         squares = jnp.where(real[:, None], jnp.diagonal(system.matrices[rows], axis1=1, axis2=2), 0)
         loads = jnp.where(real[:, None, None], system.loads[rows], 0)
-        parts = (squares, loads, _products(system, rows, real, x))
-        return tuple(total.at[functions].add(part) for total, part in zip(carry, parts, strict=True))
+        products = _products(system, rows, real, x)
+        diagonal, load, product = carry
+        return diagonal.at[functions].add(squares), load.at[functions].add(loads), product.at[functions].add(products)
 
     return over(chosen, turn, (jnp.zeros(len(x), x.dtype), jnp.zeros_like(x), jnp.zeros_like(x)))
 
@@ -128,6 +131,7 @@ def descend(
     scale: Float[Array, "n 1"],
     limit: Float[Array, " d"],
     iterations: Int[Array, ""],
+    least_move: Float[Array, ""] | float = 0.0,
 ) -> tuple[Float[Array, "n d"], Int[Array, ""], Float[Array, " d"]]:
     """Conjugate gradients with diagonal scaling; every column is a system of its own.
 
@@ -136,26 +140,29 @@ def descend(
     - `apply`: the symmetric positive matrix.
     - `start`, `gradient`: where to begin, and load minus matrix times it.
     - `scale`: one over the diagonal.
-    - `limit`: the loop ends where no column's scaled squared gradient exceeds it, or after `iterations`.
+    - `limit`: the loop ends where no column's scaled squared gradient exceeds it, or after `iterations`,
+    - `least_move`: or where an iteration moves nothing by more than this.
 
     **Returns:** the solution, the iterations used, and the last scaled squared gradients.
     """
 
     def unfinished(state: tuple[Array, ...]) -> Array:
-        *_, energy, k = state
-        return (k < iterations) & jnp.any(energy > limit)
+        *_, energy, k, moved = state
+        return (k < iterations) & jnp.any(energy > limit) & (moved > least_move)
 
     def iterate(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        x, r, p, energy, k = state
+        x, r, p, energy, k, _ = state
         q = apply(p)
         curvature = jnp.sum(p * q, axis=0)
         step = jnp.where(curvature > 0, energy / jnp.where(curvature > 0, curvature, 1), 0)
         x, r = x + step * p, r - step * q
         new = jnp.sum(r * scale * r, axis=0)
+        moved = jnp.max(jnp.abs(step * p))
         p = scale * r + jnp.where(energy > 0, new / jnp.where(energy > 0, energy, 1), 0) * p
-        return x, r, p, new, k + 1
+        return x, r, p, new, k + 1, moved
 
     z = scale * gradient
-    first = (start, gradient, z, jnp.sum(gradient * z, axis=0), jnp.zeros((), jnp.int32))
-    x, _, _, energy, k = jax.lax.while_loop(unfinished, iterate, first)
+    far = jnp.full((), jnp.inf, start.dtype)
+    first = (start, gradient, z, jnp.sum(gradient * z, axis=0), jnp.zeros((), jnp.int32), far)
+    x, _, _, energy, k, _ = jax.lax.while_loop(unfinished, iterate, first)
     return x, k, energy

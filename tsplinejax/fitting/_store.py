@@ -23,6 +23,7 @@ from ._discretisation import Discretisation
 from ._energy import piece_energies
 from ._moments import Moments, empty_moments
 from ._system import System, element_matrices
+from ._tiles import add_up
 
 CHUNK = 1024  # rows in a turn of a kernel's loop
 
@@ -89,14 +90,17 @@ def empty_store(capacity: int, width: int, dimension: int, components: int, dtyp
     )
 
 
+Rows = TypeVar("Rows", bound=Store | Array)
+
+
 @partial(jax.jit, static_argnums=1)
-def grow(store: Store, capacity: int) -> Store:
+def grow(rows: Rows, capacity: int) -> Rows:
     """The same rows, and empty ones up to a capacity."""
 
     def longer(part: Array) -> Array:
         return jnp.pad(part, ((0, capacity - part.shape[0]), *((0, 0) for _ in part.shape[1:])))
 
-    return jax.tree.map(longer, store)
+    return jax.tree.map(longer, rows)
 
 
 def fresh_store(mesh: Discretisation, dimension: int, *, rational: bool, dtype: np.dtype) -> Store:
@@ -218,7 +222,7 @@ def _place_points(
     def turn(at: Array, real: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         rows = chosen.rows[at]
         s, t, values = along_s[rows], along_t[rows], coefficients[jnp.maximum(functions[rows], 0)]
-        pieces = sum(
+        pieces = add_up(
             (s[:, k, :, None] * t[:, k, None, :])[..., None] * values[:, k, None, None, :]
             for k in range(functions.shape[1])
         )
@@ -248,7 +252,7 @@ def transfer(
     def turn(at: Array, real: Array, carry: Array) -> Array:
         pieces = points[row[at]]
         s, t = (blossom_weights(knots[at, k].astype(points.dtype)) for k in range(2))
-        moved = sum(s[:, a, None] * sum(t[:, b, None] * pieces[:, a, b] for b in range(4)) for a in range(4))
+        moved = add_up(s[:, a, None] * add_up(t[:, b, None] * pieces[:, a, b] for b in range(4)) for a in range(4))
         if moved.shape[1] > d:
             moved = moved[:, :d] / jnp.where(moved[:, d:] > 0, moved[:, d:], 1)
         return _put(carry, altered.rows[at], real, moved)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..space import product_weights
-from ._energy import element_energy
+from ._energy import bernstein_energy
 from ._moments import Moments
 
 
@@ -26,13 +26,13 @@ def element_matrices(
     moments: Moments,
     smoothing: Float[Array, ""],
 ) -> tuple[Float[Array, "e K K"], Float[Array, "e K d"]]:
-    """Matrices C M Cᵀ + λ K and loads C R of Bézier elements; C holds the functions' sixteen Bernstein coefficients."""
+    """Matrices C (M + λ K) Cᵀ and loads C R; the rows of C are the functions' sixteen Bernstein coefficients."""
     basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*functions.shape, 16)
-    half = jnp.einsum("eia,eab->eib", basis, bernstein_mass(moments.mass), precision="highest")
-    matrices = jnp.einsum("eib,ejb->eij", half, basis, precision="highest")
-    matrices = matrices + smoothing * element_energy(along_s, along_t, sides)
+    form = bernstein_mass(moments.mass) + smoothing * bernstein_energy(sides)
+    half = jnp.matmul(basis, form, precision="highest")
+    matrices = jnp.matmul(half, jnp.swapaxes(basis, 1, 2), precision="highest")
     load = moments.load.reshape(len(functions), 16, -1)
-    return matrices, jnp.einsum("eia,ead->eid", basis, load, precision="highest")
+    return matrices, jnp.matmul(basis, load, precision="highest")
 
 
 def bernstein_mass(mass: Float[Array, "e 7 7"]) -> Float[Array, "e 16 16"]:

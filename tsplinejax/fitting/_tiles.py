@@ -4,7 +4,10 @@ Kernels over samples receive tiles of a fixed number of blocks, whatever the mes
 lanes are written out: small products that a compiler fuses, where batched matrix products of this size run slowly.
 """
 
+import operator
 from abc import abstractmethod
+from collections.abc import Iterable
+from functools import reduce
 
 import equinox as eqx
 import jax
@@ -18,6 +21,11 @@ SIDE = 4  # pixels along a side of a grid's block
 LANES = SIDE * SIDE
 
 barrier = jax.lax.optimization_barrier
+
+
+def add_up(terms: Iterable[Array]) -> Array:
+    """The sum of a few arrays, written out."""
+    return reduce(operator.add, terms)
 
 
 class AbstractTile(eqx.Module):
@@ -43,7 +51,7 @@ class AbstractTile(eqx.Module):
         for c in range(pieces.shape[-1]):
             total = jnp.zeros_like(u)
             for a in range(4):
-                inner = sum(along_t[..., b] * pieces[:, a, b, c, None] for b in range(4))
+                inner = add_up(along_t[..., b] * pieces[:, a, b, c, None] for b in range(4))
                 total = total + along_s[..., a] * inner
             columns.append(total)
         return jnp.stack(columns, axis=-1)
@@ -89,11 +97,13 @@ class PixelTile(AbstractTile):
 
     def sums(self, weights: Array, values: Array) -> tuple[Array, Array]:
         """First along the rows, then along the columns."""
-        six = [jnp.moveaxis(bernstein6(x), 1, 2) for x in (self.u, self.v)]
-        cubic = [jnp.moveaxis(bernstein(x), 1, 2) for x in (self.u, self.v)]
+        six_s, six_t = (jnp.moveaxis(bernstein6(x), 1, 2) for x in (self.u, self.v))
+        cubic_s, cubic_t = (jnp.moveaxis(bernstein(x), 1, 2) for x in (self.u, self.v))
         grid = weights.reshape(-1, SIDE, SIDE)
-        loads = [_separable(*cubic, grid * values[..., c].reshape(grid.shape)) for c in range(values.shape[-1])]
-        return _separable(*six, grid), jnp.stack(loads, axis=-1)
+        loads = [
+            _separable(cubic_s, cubic_t, grid * values[..., c].reshape(grid.shape)) for c in range(values.shape[-1])
+        ]
+        return _separable(six_s, six_t, grid), jnp.stack(loads, axis=-1)
 
 
 def _separable(
@@ -101,8 +111,8 @@ def _separable(
 ) -> Float[Array, "blocks p p"]:
     """Σ over rows i and columns j of along_s[a, j] along_t[b, i] grid[i, j], as plain sums of products."""
     along_s, along_t, grid = barrier((along_s, along_t, grid))
-    rows = barrier(sum(along_s[:, :, j, None] * grid[:, None, :, j] for j in range(SIDE)))  # (blocks, a, i)
-    return sum(rows[:, :, i, None] * along_t[:, None, :, i] for i in range(SIDE))
+    rows = barrier(add_up(along_s[:, :, j, None] * grid[:, None, :, j] for j in range(SIDE)))  # (blocks, a, i)
+    return add_up(rows[:, :, i, None] * along_t[:, None, :, i] for i in range(SIDE))
 
 
 class DeviceSamples(eqx.Module):
@@ -126,7 +136,7 @@ def point_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array,
     u, v = (jnp.where(real, _local(places[..., k], slot, boxes, lattice, k), 0) for k in range(2))
     weights = _weights(samples, index, real)
     variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
-    return PointTile(u, v, samples.values[index], weights, variance)
+    return PointTile(u=u, v=v, values=samples.values[index], weights=weights, variance=variance)
 
 
 @jax.jit
@@ -143,7 +153,8 @@ def pixel_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array,
     )
     real = inside.reshape(-1, LANES)
     variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
-    return PixelTile(u, v, samples.values[index], _weights(samples, index, real), variance)
+    weights = _weights(samples, index, real)
+    return PixelTile(u=u, v=v, values=samples.values[index], weights=weights, variance=variance)
 
 
 def _local(places: Array, slot: Array, boxes: Array, lattice: Array, axis: int) -> Array:
