@@ -95,20 +95,23 @@ def refine_traces(
 
     Only rays that met a bisected element are traced again.
     """
+    first_child = np.arange(len(bisected), dtype=np.int32)
+    first_child[1:] += np.cumsum(bisected[:-1], dtype=np.int32)
     points = _in_order(tmesh, _cut_ends(tmesh, parent))
     codes = anchor_codes(tmesh, points)
     place = np.searchsorted(old.codes, codes)
     fresh = old.codes[np.minimum(place, len(old.codes) - 1)] != codes
-    points, codes, place = points[fresh], codes[fresh], place[fresh]
-    source = np.insert(np.arange(len(old.codes)), place, -1)
-    anchors, names = old.anchors[source], old.codes[source]
-    inserted = source < 0
+    points, codes = points[fresh], codes[fresh]
+    source = np.insert(np.arange(len(old.codes)), place[fresh], -1)
+    inserted = np.flatnonzero(source < 0)
+    anchors, names = old.anchors.take(source, axis=0), old.codes.take(source)
     anchors[inserted], names[inserted] = points, codes
-    first_child = np.searchsorted(parent, np.arange(len(bisected))).astype(np.int32)
-    again = np.flatnonzero(inserted | bisected[old.met].any(axis=0)[source])
-    knots, met = old.local_knots[source], first_child[old.met][:, source]
+    crossed = np.any(bisected.take(old.met), axis=0).take(source)
+    crossed[inserted] = True
+    again = np.flatnonzero(crossed)
+    knots, met = old.local_knots.take(source, axis=0), first_child.take(old.met).take(source, axis=1)
     traced, met[:, again] = _trace(tmesh, anchors[again])
-    altered = again[(knots[again] != traced).any(axis=(1, 2))]
+    altered = again[(knots.take(again, axis=0) != traced).any(axis=(1, 2))]
     knots[again] = traced
     source[altered] = -1
     return Traces(anchors, names, knots, met), source

@@ -142,7 +142,7 @@ def bisect(tmesh: TMesh, chosen: Bool[np.ndarray, " elements"]) -> Refinement:
         raise InputError(f"elements can be bisected {MAX_LEVEL} times at most; a marked element is at that level")
     levels, codes, parent = bisect_cells(forest.levels, forest.codes, chosen)
     halved = chosen[parent]
-    boxes = tmesh.boxes[parent]
+    boxes = tmesh.boxes.take(parent, axis=0)
     boxes[halved] = cell_boxes(forest.first_cut, levels[halved], codes[halved])
     mesh = make_forest_mesh(forest.lattice, forest.first_cut, levels, codes, tmesh.border, boxes)
     if not tmesh.is_traced:
@@ -159,10 +159,10 @@ def bisect_cells(
     parent = np.repeat(np.arange(len(codes)), counts)
     second = np.zeros(len(parent), bool)
     second[np.cumsum(counts)[chosen] - 1] = True
-    new_levels = levels[parent] + chosen[parent]
+    new_levels = levels.take(parent) + chosen.take(parent)
     # The second half starts half a code range on: a cell of level k owns 2^(2 DEPTH - k) codes.
     half = np.int64(1) << (2 * DEPTH - new_levels)
-    return new_levels, codes[parent] + np.where(second, half, 0), parent
+    return new_levels, codes.take(parent) + np.where(second, half, 0), parent
 
 
 def require_forest(tmesh: TMesh) -> Forest:

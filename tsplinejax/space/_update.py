@@ -56,7 +56,7 @@ def refine_elements(old: BezierElements, tmesh: TMesh, refinement: Refinement) -
     number[-1] = -1
     unaltered = np.flatnonzero(kept >= 0)
     number[kept[unaltered]] = unaltered
-    table = number[old.functions]
+    table = number.take(old.functions)
     # Sixteen functions everywhere is what makes the short way right; without a closure it is seldom so.
     short = table.shape[1] == 16 and not (table[:, -1] == -1).any()
     return (_short_way(old, table, refinement, kept) if short else None) or _long_way(old, table, refinement.mesh, kept)
@@ -95,7 +95,8 @@ def _short_way(
 ) -> ElementUpdate | None:
     """Only elements with altered functions found anew; `None` where the refined mesh is not analysis-suitable."""
     assert old.codes is not None
-    altered = (table < 0).any(axis=1)
+    eights = (table < 0).view(np.uint64)
+    altered = (eights[:, 0] | eights[:, 1]) != 0
     stale = refinement.bisected.copy()
     stale[old.owner[altered]] = True
     fresh = likely_pieces(refinement.mesh, np.flatnonzero(stale[refinement.parent]))
@@ -109,7 +110,7 @@ def _short_way(
     rows = None if staying is None else _fresh_rows(refinement.mesh, kept, pieces, where, fresh, staying)
     if rows is None:
         return None
-    functions = table[source]
+    functions = table.take(source, axis=0)
     functions[where] = rows
     elements = BezierElements(pieces.boxes, pieces.owner, functions, pieces.levels, pieces.codes)
     touched = np.zeros(len(source), bool)
@@ -122,8 +123,9 @@ def _merge(old: BezierElements, source: np.ndarray, where: np.ndarray, fresh: Pi
     """Old pieces and fresh ones in the order of their codes."""
     assert old.codes is not None
     assert old.levels is not None
-    first_child = np.searchsorted(parent, np.arange(parent[-1] + 1))
-    pieces = Pieces(old.boxes[source], first_child[old.owner[source]], old.levels[source], old.codes[source])
+    first_child = np.flatnonzero(np.diff(parent, prepend=-1))
+    boxes, owner = old.boxes.take(source, axis=0), first_child.take(old.owner.take(source))
+    pieces = Pieces(boxes, owner, old.levels.take(source), old.codes.take(source))
     for name in ("boxes", "owner", "levels", "codes"):
         getattr(pieces, name)[where] = getattr(fresh, name)
     return pieces
@@ -134,12 +136,12 @@ def _staying(
 ) -> Int[np.ndarray, "fresh 16"] | None:
     """Unaltered functions on fresh pieces; `None` where a fresh piece would join two that they keep apart."""
     assert old.levels is not None
-    rows = table[place]
+    rows = table.take(place, axis=0)
     joined = np.flatnonzero(old.levels[place] > fresh.levels)
     first, beside = rows[joined], table[np.minimum(place[joined] + 1, len(table) - 1)]
     if (old.levels[place[joined]] != fresh.levels[joined] + 1).any():
         return None
-    if (np.sort(first, axis=1) != np.sort(beside, axis=1)).any():
+    if np.any(np.sort(first, axis=1) != np.sort(beside, axis=1)):
         return None
     row, column = np.nonzero(first >= 0)
     if cut_by_knots(tmesh.local_knots[first[row, column]], fresh.boxes[joined[row]]).any():
