@@ -46,11 +46,11 @@ def bezier_elements(tmesh: TMesh) -> BezierElements:
     >>> bezier_elements(b_lattice(3, 2)).functions.shape
     (6, 16)
     """
-    elements = None if tmesh.forest is None else _by_spans(tmesh)
-    return _by_cutting(tmesh) if elements is None else elements
+    elements = None if tmesh.forest is None else by_spans(tmesh)
+    return by_cutting(tmesh) if elements is None else elements
 
 
-def _by_spans(tmesh: TMesh) -> BezierElements | None:
+def by_spans(tmesh: TMesh) -> BezierElements | None:
     """The Bézier elements of an analysis-suitable dyadic mesh, `None` where it turns out not to be one."""
     pieces = likely_pieces(tmesh, np.arange(tmesh.n_elements))
     pairs = span_pairs(tmesh, tmesh.local_knots, pieces)
@@ -67,7 +67,7 @@ def _by_spans(tmesh: TMesh) -> BezierElements | None:
     return BezierElements(pieces.boxes, pieces.owner, table, pieces.levels, pieces.codes)
 
 
-def _by_cutting(tmesh: TMesh) -> BezierElements:
+def by_cutting(tmesh: TMesh) -> BezierElements:
     """The Bézier elements of any T-mesh."""
     knots = tmesh.local_knots
     supports = np.stack([knots[:, 0, 0], knots[:, 1, 0], knots[:, 0, 4], knots[:, 1, 4]], axis=1)

@@ -76,64 +76,47 @@ def _cut_by_extensions(tmesh: TMesh, elements: np.ndarray) -> np.ndarray:
 
 
 def span_pairs(tmesh: TMesh, knots: Int[np.ndarray, "n 2 5"], pieces: Pieces) -> Pairs | None:
-    """All pairs of the functions with these local knots and a piece in their supports; `None` if a knot cuts a piece.
+    """All pairs of the functions with these local knots and a piece in their supports.
 
-    A span's lower corner is a piece's lower corner unless that piece is cut. Mostly the piece fills the span.
+    A span is a piece or made of two, as it always is on an analysis-suitable mesh; `None` where one is not.
     """
     assert tmesh.forest is not None
-    x, y = (np.clip(knots[:, axis], 0, tmesh.extent[axis]) for axis in range(2))
-    corner = tmesh.forest.code(x[:, :4, None], y[:, None, :4])
-    piece = np.searchsorted(pieces.codes, corner.ravel(), side="right").reshape(-1, 16) - 1
-    width, height = (np.diff(lines, axis=1).astype(np.int32) for lines in (x, y))
-    width, height = np.repeat(width, 4, axis=1), np.tile(height, (1, 4))
-    sides = (pieces.boxes[:, 2:] - pieces.boxes[:, :2]).astype(np.int32)
-    across, along = sides[:, 0][piece], sides[:, 1][piece]
-    live = (width > 0) & (height > 0)
-    inside = (pieces.codes[piece] == corner.reshape(-1, 16)) & (across <= width) & (along <= height)
-    if (live & ~inside).any():
+    lines = [np.clip(knots[:, axis], 0, tmesh.extent[axis]) for axis in range(2)]
+    widths, heights = (np.diff(line, axis=1).astype(np.int32) for line in lines)
+    live = np.flatnonzero((widths > 0)[:, :, None] & (heights > 0)[:, None, :])
+    corner = tmesh.forest.code(lines[0][:, :4, None], lines[1][:, None, :4]).ravel().take(live)
+    size = np.stack([np.repeat(widths, 4, axis=1).ravel().take(live), np.tile(heights, (1, 4)).ravel().take(live)])
+    sides = np.ascontiguousarray((pieces.boxes[:, 2:] - pieces.boxes[:, :2]).T, dtype=np.int32)
+    piece = np.searchsorted(pieces.codes, corner, side="right") - 1
+    rest = size - sides.take(piece, axis=1)
+    if (pieces.codes.take(piece) != corner).any() or (rest < 0).any():
         return None
-    fills = live & (across == width) & (along == height)
-    function, slot = np.nonzero(fills)
-    several, place = np.nonzero(live & ~fills)
-    i, j = place >> 2, place & 3
-    spans = np.stack([x[several, i], y[several, j], x[several, i + 1], y[several, j + 1]])
-    swept = _sweep(tmesh, spans, piece[several, place], pieces)
-    if swept is None:
+    several = np.flatnonzero((rest[0] > 0) | (rest[1] > 0))
+    other = _filled_by(tmesh, pieces, sides, piece[several], rest[:, several], size[:, several])
+    if other is None:
         return None
-    span, other = swept
-    return Pairs(
-        np.concatenate([function, several[span]]),
-        np.concatenate([piece[fills], other]),
-        np.concatenate([slot, place[span]]),
-        np.repeat([True, False], [len(function), len(span)]),
+    fills = np.ones(len(live) + len(several), bool)
+    fills[several] = False
+    fills[len(live) :] = False
+    live = np.concatenate([live, live[several]])
+    return Pairs(live >> 4, np.concatenate([piece, other]), live & 15, fills)
+
+
+def _filled_by(
+    tmesh: TMesh, pieces: Pieces, sides: np.ndarray, piece: np.ndarray, rest: np.ndarray, size: np.ndarray
+) -> Int[np.ndarray, " n"] | None:
+    """The one other piece that fills what a piece leaves of a span, on its right or above; `None` if there is none."""
+    assert tmesh.forest is not None
+    right = rest[0] > 0
+    if (right & (rest[1] > 0)).any():
+        return None
+    low = pieces.boxes.take(piece, axis=0)
+    corner = tmesh.forest.code(np.where(right, low[:, 2], low[:, 0]), np.where(right, low[:, 1], low[:, 3]))
+    other = np.searchsorted(pieces.codes, corner, side="right") - 1
+    filled = (pieces.codes.take(other) == corner) & (sides.take(other, axis=1) == np.where(rest > 0, rest, size)).all(
+        axis=0
     )
-
-
-def _sweep(
-    tmesh: TMesh, spans: Int[np.ndarray, "4 n"], piece: np.ndarray, pieces: Pieces
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """All pairs of a span and a piece inside it; `None` where a piece reaches beyond a span.
-
-    The piece at the lower corner is taken away, which leaves a rectangle on its right and one above. A piece counts
-    where the sweep meets its lower corner, hence once.
-    """
-    assert tmesh.forest is not None
-    span, rest, boxes = np.arange(spans.shape[1]), spans, np.ascontiguousarray(pieces.boxes.T)
-    found, met = [], []
-    while len(span):
-        x0, y0, x1, y1 = boxes[:, piece]
-        low_x, low_y, high_x, high_y = spans[:, span]
-        if ((x0 < low_x) | (y0 < low_y) | (x1 > high_x) | (y1 > high_y)).any():
-            return None
-        first = (x0 == rest[0]) & (y0 == rest[1])
-        found.append(span[first])
-        met.append(piece[first])
-        right, above = np.flatnonzero(x1 < rest[2]), np.flatnonzero(y1 < rest[3])
-        beside = np.stack([x1[right], rest[1, right], rest[2, right], np.minimum(rest[3, right], y1[right])])
-        over = np.stack([rest[0, above], y1[above], rest[2, above], rest[3, above]])
-        span, rest = np.concatenate([span[right], span[above]]), np.concatenate([beside, over], axis=1)
-        piece = np.searchsorted(pieces.codes, tmesh.forest.code(rest[0], rest[1]), side="right") - 1
-    return np.concatenate([span[:0], *found]), np.concatenate([piece[:0], *met])
+    return other if filled.all() else None
 
 
 def cut_in_vain(

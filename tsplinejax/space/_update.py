@@ -49,7 +49,7 @@ def refine_elements(old: BezierElements, tmesh: TMesh, refinement: Refinement) -
     >>> tmesh = b_lattice(8, 8)
     >>> update = refine_elements(bezier_elements(tmesh), tmesh, refine(tmesh, np.arange(64) == 0))
     >>> len(update.elements), int(update.touched.sum())
-    (70, 27)
+    (67, 15)
     """
     kept = _unaltered(tmesh, refinement.mesh) if refinement.kept is None else refinement.kept
     number = np.full(tmesh.n_anchors + 1, ALTERED, np.int32)
