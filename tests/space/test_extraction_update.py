@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from tsplinejax.mesh import MAX_LEVEL, Dyadic, Refinement, TMesh, b_lattice, bisect, refine
+from tsplinejax.mesh import MAX_LEVEL, Dyadic, Refinement, TMesh, b_lattice, bisect, bisect_cells, cell_boxes, refine
 from tsplinejax.space import BezierElements, _update, bezier_elements
 from tsplinejax.space._extraction import by_cutting, by_spans
+from tsplinejax.space._spans import Pieces, cut_in_vain, likely_pieces
 from tsplinejax.space._update import ElementUpdate, refine_elements
 
 from ..mesh.replay import replay
@@ -129,3 +130,28 @@ def test_far_elements_are_not_touched():
     near = (abs(centres - 0.5) <= 0.25).all(axis=1)
     assert not update.touched[~near].any()
     assert (update.source[~near] >= 0).all()
+
+
+def test_a_needless_cut_is_noticed():
+    """A cell halved although no local knot runs through it is not a Bézier element of the mesh."""
+    tmesh = b_lattice(3, 3)
+    levels, codes, owner = bisect_cells(tmesh.levels, tmesh.forest.codes, np.arange(9) == 4)
+    pieces = Pieces(cell_boxes("s", levels, codes), owner, levels, codes)
+    table = bezier_elements(tmesh).functions[owner]
+    nothing = np.zeros(0, np.int64)
+    assert cut_in_vain(tmesh.local_knots, pieces, table, nothing)
+    finer = bisect(tmesh, np.arange(9) == 4).mesh
+    table = bezier_elements(finer).functions
+    halves = likely_pieces(finer, np.arange(finer.n_elements))
+    assert halves.is_half.any()
+    assert not cut_in_vain(finer.local_knots, halves, table, nothing)
+
+
+def test_pieces_are_not_joined_across_a_knot():
+    """Two halves that an unaltered function keeps apart stay two, whatever a new guess says."""
+    tmesh = bisect(b_lattice(5, 5), np.arange(25) == 12).mesh
+    elements = bezier_elements(tmesh)
+    half = np.flatnonzero(np.diff(elements.owner) == 0)[0]
+    owner = elements.owner[half]
+    whole = Pieces(tmesh.boxes[[owner]], np.array([owner]), tmesh.levels[[owner]], tmesh.forest.codes[[owner]])
+    assert _update._staying(elements, elements.functions, np.array([half]), whole, tmesh) is None
