@@ -138,13 +138,12 @@ def test_a_needless_cut_is_noticed():
     levels, codes, owner = bisect_cells(tmesh.levels, tmesh.forest.codes, np.arange(9) == 4)
     pieces = Pieces(cell_boxes("s", levels, codes), owner, levels, codes)
     table = bezier_elements(tmesh).functions[owner]
-    nothing = np.zeros(0, np.int64)
-    assert cut_in_vain(tmesh.local_knots, pieces, table, nothing)
+    assert cut_in_vain(tmesh.local_knots, pieces, table, np.zeros(len(codes), bool))
     finer = bisect(tmesh, np.arange(9) == 4).mesh
     table = bezier_elements(finer).functions
     halves = likely_pieces(finer, np.arange(finer.n_elements))
     assert halves.is_half.any()
-    assert not cut_in_vain(finer.local_knots, halves, table, nothing)
+    assert not cut_in_vain(finer.local_knots, halves, table, np.zeros(len(halves.codes), bool))
 
 
 def test_pieces_are_not_joined_across_a_knot():

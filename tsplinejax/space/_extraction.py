@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..mesh import TMesh, bisect_cells, cell_boxes
-from ._spans import NOBODY, cut_in_vain, likely_pieces, span_pairs
+from ._spans import NOBODY, cut_in_vain, lay_out, likely_pieces
 
 Locate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -53,16 +53,14 @@ def bezier_elements(tmesh: TMesh) -> BezierElements:
 def by_spans(tmesh: TMesh) -> BezierElements | None:
     """The Bézier elements of an analysis-suitable dyadic mesh, `None` where it turns out not to be one."""
     pieces = likely_pieces(tmesh, np.arange(tmesh.n_elements))
-    pairs = span_pairs(tmesh, tmesh.local_knots, pieces)
-    if pairs is None:
+    layout = lay_out(tmesh, tmesh.local_knots, np.arange(tmesh.n_anchors), pieces)
+    if layout is None:
         return None
-    table = np.full((len(pieces.codes), 16), NOBODY, np.int32)
-    table[pairs.piece, pairs.slot] = pairs.function
-    # Sixteen on each, and none overwritten by another.
-    if len(pairs.piece) != table.size or (table == NOBODY).any():
+    table = layout.table[:-1]
+    if (table == NOBODY).any():
         return None
     table.sort(axis=1)
-    if cut_in_vain(tmesh.local_knots, pieces, table, pairs.piece[pairs.fills]):
+    if cut_in_vain(tmesh.local_knots, pieces, table, layout.sure[:-1]):
         return None
     return BezierElements(pieces.boxes, pieces.owner, table, pieces.levels, pieces.codes)
 

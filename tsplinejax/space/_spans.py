@@ -32,16 +32,6 @@ class Pieces:
         return np.append(same, False) | np.append(False, same)
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Blending functions and pieces they live on: which of the sixteen spans, and whether the piece fills it."""
-
-    function: Int[np.ndarray, " pairs"]
-    piece: Int[np.ndarray, " pairs"]
-    slot: Int[np.ndarray, " pairs"]
-    fills: Bool[np.ndarray, " pairs"]
-
-
 def likely_pieces(tmesh: TMesh, elements: Int[np.ndarray, " n"]) -> Pieces:
     """Some elements, sorted, halved where the extension of a T-junction cuts them."""
     forest = tmesh.forest
@@ -75,62 +65,122 @@ def _cut_by_extensions(tmesh: TMesh, elements: np.ndarray) -> np.ndarray:
     return cut
 
 
-def span_pairs(tmesh: TMesh, knots: Int[np.ndarray, "n 2 5"], pieces: Pieces) -> Pairs | None:
-    """All pairs of the functions with these local knots and a piece in their supports.
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The way from piece to piece, and the table that a walk over the functions' spans fills.
 
-    A span is a piece or made of two, as it always is on an analysis-suitable mesh; `None` where one is not.
+    **Attributes:**
+
+    - `sides`: widths and heights of the pieces.
+    - `beyond`: the pieces that start at their lower right and at their upper left corners.
+    - `table`: sixteen functions a piece, or `NOBODY`.
+    - `sure`: pieces that fill a span of a function.
+
+    The last row of each stands for "none": no piece starts there, and it is too large for any span.
+    """
+
+    sides: Int[np.ndarray, "2 pieces_1"]
+    beyond: Int[np.ndarray, "2 pieces_1"]
+    table: Int[np.ndarray, "pieces_1 16"]
+    sure: Bool[np.ndarray, " pieces_1"]
+
+
+def lay_out(
+    tmesh: TMesh, knots: Int[np.ndarray, "n 2 5"], numbers: Int[np.ndarray, " n"], pieces: Pieces
+) -> Layout | None:
+    """Enter the functions with these local knots in the rows of the pieces they live on.
+
+    A span is a piece or made of two, as it always is on an analysis-suitable mesh; `None` where one is not, or where
+    two functions claim one place.
     """
     assert tmesh.forest is not None
+    layout = _empty_layout(tmesh, pieces)
     lines = [np.clip(knots[:, axis], 0, tmesh.extent[axis]) for axis in range(2)]
-    widths, heights = (np.diff(line, axis=1).astype(np.int32) for line in lines)
-    live = np.flatnonzero((widths > 0)[:, :, None] & (heights > 0)[:, None, :])
-    corner = tmesh.forest.code(lines[0][:, :4, None], lines[1][:, None, :4]).ravel().take(live)
-    size = np.stack([np.repeat(widths, 4, axis=1).ravel().take(live), np.tile(heights, (1, 4)).ravel().take(live)])
-    sides = np.ascontiguousarray((pieces.boxes[:, 2:] - pieces.boxes[:, :2]).T, dtype=np.int32)
-    piece = np.searchsorted(pieces.codes, corner, side="right") - 1
-    rest = size - sides.take(piece, axis=1)
-    if (pieces.codes.take(piece) != corner).any() or (rest < 0).any():
-        return None
-    several = np.flatnonzero((rest[0] > 0) | (rest[1] > 0))
-    other = _filled_by(tmesh, pieces, sides, piece[several], rest[:, several], size[:, several])
-    if other is None:
-        return None
-    fills = np.ones(len(live) + len(several), bool)
-    fills[several] = False
-    fills[len(live) :] = False
-    live = np.concatenate([live, live[several]])
-    return Pairs(live >> 4, np.concatenate([piece, other]), live & 15, fills)
+    widths, heights = (np.ascontiguousarray(np.diff(line, axis=1).T, dtype=np.int32) for line in lines)
+    row_start = _starting_at(pieces, tmesh.forest.code(lines[0][:, 0], lines[1][:, 0]))
+    numbers = numbers.astype(np.int32)
+    written = 0
+    for j in range(4):
+        piece, above = row_start, row_start
+        for i in range(4):
+            count = _enter_span(layout, numbers, 4 * i + j, widths[i], heights[j], piece)
+            if count is None:
+                return None
+            written += count
+            if i == 0:
+                above = _next_span(layout, 1, piece, heights[j])
+            piece = _next_span(layout, 0, piece, widths[i])
+        row_start = above
+    return layout if written == int((layout.table[:-1] != NOBODY).sum()) else None
 
 
-def _filled_by(
-    tmesh: TMesh, pieces: Pieces, sides: np.ndarray, piece: np.ndarray, rest: np.ndarray, size: np.ndarray
-) -> Int[np.ndarray, " n"] | None:
-    """The one other piece that fills what a piece leaves of a span, on its right or above; `None` if there is none."""
+def _empty_layout(tmesh: TMesh, pieces: Pieces) -> Layout:
+    """Sizes and neighbours of the pieces, and an empty table."""
     assert tmesh.forest is not None
-    right = rest[0] > 0
-    if (right & (rest[1] > 0)).any():
+    x0, y0, x1, y1 = np.ascontiguousarray(pieces.boxes.T)
+    none = len(x0)
+    sides, beyond = np.full((2, none + 1), NOBODY, np.int32), np.full((2, none + 1), none, np.int32)
+    sides[0, :-1], sides[1, :-1] = x1 - x0, y1 - y0
+    beyond[0, :-1] = _starting_at(pieces, tmesh.forest.code(x1, y0))
+    beyond[1, :-1] = _starting_at(pieces, tmesh.forest.code(x0, y1))
+    return Layout(sides, beyond, np.full((none + 1, 16), NOBODY, np.int32), np.zeros(none + 1, bool))
+
+
+def _starting_at(pieces: Pieces, codes: np.ndarray) -> Int[np.ndarray, " n"]:
+    """The piece whose lower corner has each code, or "none"."""
+    place = np.searchsorted(pieces.codes, codes)
+    none = len(pieces.codes)
+    return np.where(np.append(pieces.codes, -1).take(place) == codes, place, none).astype(np.int32)
+
+
+def _enter_span(
+    layout: Layout, numbers: np.ndarray, slot: int, width: np.ndarray, height: np.ndarray, piece: np.ndarray
+) -> int | None:
+    """Enter each function on the piece or two of one of its spans; how many entries, or `None` if that fails."""
+    live = np.flatnonzero((width > 0) & (height > 0))
+    if len(live) < len(width):
+        numbers, width, height, piece = numbers[live], width[live], height[live], piece[live]
+    right, above = width - layout.sides[0].take(piece), height - layout.sides[1].take(piece)
+    more = np.flatnonzero(right | above)
+    column = layout.table[:, slot]
+    column[piece] = numbers
+    whole = np.ones(len(piece), bool)
+    whole[more] = False
+    layout.sure[piece[whole]] = True
+    right, above, width, height = right[more], above[more], width[more], height[more]
+    if (right < 0).any() or (above < 0).any() or ((right > 0) & (above > 0)).any():
         return None
-    low = pieces.boxes.take(piece, axis=0)
-    corner = tmesh.forest.code(np.where(right, low[:, 2], low[:, 0]), np.where(right, low[:, 1], low[:, 3]))
-    other = np.searchsorted(pieces.codes, corner, side="right") - 1
-    filled = (pieces.codes.take(other) == corner) & (sides.take(other, axis=1) == np.where(rest > 0, rest, size)).all(
-        axis=0
+    other = np.where(right > 0, layout.beyond[0].take(piece[more]), layout.beyond[1].take(piece[more]))
+    filled = (layout.sides[0].take(other) == np.where(right > 0, right, width)) & (
+        layout.sides[1].take(other) == np.where(above > 0, above, height)
     )
-    return other if filled.all() else None
+    column[other] = numbers[more]
+    return len(piece) + len(more) if filled.all() else None
+
+
+def _next_span(layout: Layout, axis: int, piece: np.ndarray, size: np.ndarray) -> Int[np.ndarray, " n"]:
+    """The piece where the next span starts along the axis, one or two pieces on; the same where the span is empty."""
+    step = layout.beyond[axis]
+    following = step.take(piece)
+    more = np.flatnonzero(size > layout.sides[axis].take(piece))
+    following[more] = step.take(following[more])
+    empty = np.flatnonzero(size == 0)
+    following[empty] = piece[empty]
+    return following
 
 
 def cut_in_vain(
-    knots: Int[np.ndarray, "functions 2 5"], pieces: Pieces, table: Int[np.ndarray, "pieces 16"], sure: np.ndarray
+    knots: Int[np.ndarray, "functions 2 5"],
+    pieces: Pieces,
+    table: Int[np.ndarray, "pieces 16"],
+    sure: Bool[np.ndarray, " pieces"],
 ) -> bool:
     """Whether some half of an element need not be one: no function alive there has a knot on the line between them.
 
-    `sure` names halves that fill a span, which are needed for certain.
+    `sure` names halves that fill a span, which are needed for certain, and the other half with them.
     """
-    doubt = pieces.is_half
-    doubt[sure] = False
-    # The other half of a sure one is needed, too.
     first = np.flatnonzero(pieces.is_half)[::2]
-    doubt = first[doubt[first] & doubt[first + 1]]
+    doubt = first[~(sure[first] | sure[first + 1])]
     low, high = pieces.boxes[doubt], pieces.boxes[doubt + 1]
     axis = (high[:, 1] > low[:, 1]).astype(np.int64)
     line = high[np.arange(len(doubt)), axis]

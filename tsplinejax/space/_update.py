@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..mesh import Refinement, TMesh, anchor_codes
 from ._extraction import BezierElements, bezier_elements, cut_by_knots
-from ._spans import NOBODY, Pieces, cut_in_vain, likely_pieces, span_pairs
+from ._spans import NOBODY, Pieces, cut_in_vain, lay_out, likely_pieces
 
 # What stands for an altered function in an old table that is numbered anew; -1 is a place without a function.
 ALTERED = -2
@@ -107,7 +107,7 @@ def _short_way(
     pieces = _merge(old, source, where, fresh, refinement.parent)
     place, same = _same_place(old, fresh.levels, fresh.codes)
     staying = _staying(old, table, place, fresh, refinement.mesh)
-    rows = None if staying is None else _fresh_rows(refinement.mesh, kept, pieces, where, fresh, staying)
+    rows = None if staying is None else _fresh_rows(refinement.mesh, kept, fresh, staying)
     if rows is None:
         return None
     functions = table.take(source, axis=0)
@@ -150,23 +150,18 @@ def _staying(
 
 
 def _fresh_rows(
-    tmesh: TMesh, kept: np.ndarray, pieces: Pieces, where: np.ndarray, fresh: Pieces, staying: np.ndarray
+    tmesh: TMesh, kept: np.ndarray, fresh: Pieces, staying: np.ndarray
 ) -> Int[np.ndarray, "fresh 16"] | None:
     """Functions on the fresh pieces: those that stayed and the altered ones; `None` unless sixteen on each."""
     altered = np.flatnonzero(kept < 0)
-    pairs = span_pairs(tmesh, tmesh.local_knots[altered], pieces)
-    if pairs is None:
+    layout = lay_out(tmesh, tmesh.local_knots.take(altered, axis=0), altered, fresh)
+    if layout is None:
         return None
-    number = np.full(len(pieces.codes), -1)
-    number[where] = np.arange(len(where))
-    row = number[pairs.piece]
-    rows = np.full((len(where), 32), NOBODY, np.int32)
-    rows[:, 16:] = np.where(staying >= 0, staying, NOBODY)
-    rows[row, pairs.slot] = altered[pairs.function]
+    rows = np.full((len(staying), 32), NOBODY, np.int32)
+    rows[:, :16] = layout.table[:-1]
+    np.copyto(rows[:, 16:], staying, where=staying >= 0)
     rows.sort(axis=1)
-    count = len(row) + int((staying >= 0).sum())
-    sixteen = (rows[:, 15] < NOBODY).all() and (rows[:, 16] == NOBODY).all()
-    if (row < 0).any() or count != 16 * len(where) or not sixteen:
+    if (rows[:, 15] == NOBODY).any() or (rows[:, 16] != NOBODY).any():
         return None
     rows = np.ascontiguousarray(rows[:, :16])
-    return None if cut_in_vain(tmesh.local_knots, fresh, rows, row[pairs.fills]) else rows
+    return None if cut_in_vain(tmesh.local_knots, fresh, rows, layout.sure[:-1]) else rows
