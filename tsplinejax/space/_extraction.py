@@ -56,7 +56,7 @@ def by_spans(tmesh: TMesh) -> BezierElements | None:
     layout = lay_out(tmesh, tmesh.local_knots, np.arange(tmesh.n_anchors), pieces)
     if layout is None:
         return None
-    table = layout.table[:-1]
+    table = np.ascontiguousarray(layout.table[:, :-1].T)
     if (table == NOBODY).any():
         return None
     table.sort(axis=1)

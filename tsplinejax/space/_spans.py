@@ -76,12 +76,12 @@ class Layout:
     - `table`: sixteen functions a piece, or `NOBODY`.
     - `sure`: pieces that fill a span of a function.
 
-    The last row of each stands for "none": no piece starts there, and it is too large for any span.
+    The last place of each stands for "none": no piece starts there, and it is too large for any span.
     """
 
     sides: Int[np.ndarray, "2 pieces_1"]
     beyond: Int[np.ndarray, "2 pieces_1"]
-    table: Int[np.ndarray, "pieces_1 16"]
+    table: Int[np.ndarray, "16 pieces_1"]
     sure: Bool[np.ndarray, " pieces_1"]
 
 
@@ -111,7 +111,7 @@ def lay_out(
                 above = _next_span(layout, 1, piece, heights[j])
             piece = _next_span(layout, 0, piece, widths[i])
         row_start = above
-    return layout if written == int((layout.table[:-1] != NOBODY).sum()) else None
+    return layout if written == int((layout.table[:, :-1] != NOBODY).sum()) else None
 
 
 def _empty_layout(tmesh: TMesh, pieces: Pieces) -> Layout:
@@ -123,7 +123,7 @@ def _empty_layout(tmesh: TMesh, pieces: Pieces) -> Layout:
     sides[0, :-1], sides[1, :-1] = x1 - x0, y1 - y0
     beyond[0, :-1] = _starting_at(pieces, tmesh.forest.code(x1, y0))
     beyond[1, :-1] = _starting_at(pieces, tmesh.forest.code(x0, y1))
-    return Layout(sides, beyond, np.full((none + 1, 16), NOBODY, np.int32), np.zeros(none + 1, bool))
+    return Layout(sides, beyond, np.full((16, none + 1), NOBODY, np.int32), np.zeros(none + 1, bool))
 
 
 def _starting_at(pieces: Pieces, codes: np.ndarray) -> Int[np.ndarray, " n"]:
@@ -142,7 +142,7 @@ def _enter_span(
         numbers, width, height, piece = numbers[live], width[live], height[live], piece[live]
     right, above = width - layout.sides[0].take(piece), height - layout.sides[1].take(piece)
     more = np.flatnonzero(right | above)
-    column = layout.table[:, slot]
+    column = layout.table[slot]
     column[piece] = numbers
     whole = np.ones(len(piece), bool)
     whole[more] = False

@@ -158,7 +158,7 @@ def _fresh_rows(
     if layout is None:
         return None
     rows = np.full((len(staying), 32), NOBODY, np.int32)
-    rows[:, :16] = layout.table[:-1]
+    rows[:, :16] = layout.table[:, :-1].T
     np.copyto(rows[:, 16:], staying, where=staying >= 0)
     rows.sort(axis=1)
     if (rows[:, 15] == NOBODY).any() or (rows[:, 16] != NOBODY).any():
