@@ -141,7 +141,7 @@ def walk(tmesh: "TMesh", axis: int, step: int, at: np.ndarray, row: np.ndarray) 
 def _next_side(tmesh: "TMesh", axis: int, step: int, at: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """Nearest side, in the walking direction, of the elements on both sides of the row; frame lines outside."""
     extent = tmesh.extent[axis]
-    sides = tmesh.boxes[elements, axis + 2 if step > 0 else axis]
+    sides = tmesh.boxes[:, axis + 2 if step > 0 else axis].take(elements)
     if step > 0:
         return np.where((at < extent) & (at >= 0), np.minimum(sides[:, 0], sides[:, 1]), at + tmesh.frame)
     return np.where((at > 0) & (at <= extent), np.maximum(sides[:, 0], sides[:, 1]), at - tmesh.frame)

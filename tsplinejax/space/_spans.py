@@ -47,21 +47,22 @@ def likely_pieces(tmesh: TMesh, elements: Int[np.ndarray, " n"]) -> Pieces:
 def _cut_by_extensions(tmesh: TMesh, elements: np.ndarray) -> np.ndarray:
     """Whether a T-junction lies on an element's middle line, at most two elements back from its middle."""
     assert tmesh.forest is not None
-    boxes = tmesh.boxes
+    lines = tmesh.boxes.ravel()  # line k of element e is at 4 e + k
     first = 0 if tmesh.forest.first_cut == "s" else 1
     axis = np.where(tmesh.forest.levels[elements] % 2 == 0, first, 1 - first)
-    middle = (boxes[elements, axis] + boxes[elements, axis + 2]) >> 1
+    middle = (lines.take(4 * elements + axis) + lines.take(4 * elements + axis + 2)) >> 1
+    end = np.array(tmesh.extent).take(1 - axis)
     cut = np.zeros(len(elements), bool)
     for side in (1, 3):
-        open_, at = np.arange(len(elements)), boxes[elements, side - axis]
+        left, at = np.arange(len(elements)), lines.take(4 * elements + side - axis)
         for _ in range(2):
-            inside = (at > 0) & (at < np.array(tmesh.extent)[1 - axis[open_]])
-            open_, at = open_[inside], at[inside]
-            along, line, cell = axis[open_], middle[open_], at - (side == 1)
-            beside = tmesh.locate(np.where(along == 0, line, cell), np.where(along == 0, cell, line))
-            met = boxes[beside, along] == line
-            cut[open_[met]] = True
-            open_, at = open_[~met], boxes[beside, side - along][~met]
+            inside = np.flatnonzero((at > 0) & (at < end.take(left)))
+            left, at = left.take(inside), at.take(inside)
+            along, line, cell = axis.take(left), middle.take(left), at - (side == 1)
+            beside = 4 * tmesh.locate(np.where(along == 0, line, cell), np.where(along == 0, cell, line))
+            met = lines.take(beside + along) == line
+            cut[left[met]] = True
+            left, at = left[~met], lines.take(beside + side - along)[~met]
     return cut
 
 
