@@ -19,23 +19,26 @@ Direction = Literal["s", "t"]
 Border = Literal["clamped", "open"]
 
 
-def _spread_table() -> np.ndarray:
-    """The 16-bit numbers with a zero bit between any two of their bits."""
-    values = np.arange(1 << 16, dtype=np.int64)
-    spread = np.zeros_like(values)
-    for bit in range(16):
-        spread |= ((values >> bit) & 1) << (2 * bit)
-    return spread
-
-
-_SPREAD = _spread_table()
-
-
 def z_order(major: np.ndarray, minor: np.ndarray) -> np.ndarray:
     """Z-order code of non-negative 31-bit coordinates; `major` holds the more significant bit of each pair."""
-    high = (_SPREAD[major >> 16] << 32) | _SPREAD[major & 0xFFFF]
-    low = (_SPREAD[minor >> 16] << 32) | _SPREAD[minor & 0xFFFF]
-    return (high << 1) | low
+    return (_spread(major) << 1) | _spread(minor)
+
+
+def _spread(coordinates: np.ndarray) -> np.ndarray:
+    """The coordinates with a zero bit between any two of their bits."""
+    bits = np.array(coordinates, np.int64)
+    moved = np.empty_like(bits)
+    for shift, mask in (
+        (16, 0x0000FFFF0000FFFF),
+        (8, 0x00FF00FF00FF00FF),
+        (4, 0x0F0F0F0F0F0F0F0F),
+        (2, 0x3333333333333333),
+        (1, 0x5555555555555555),
+    ):
+        np.left_shift(bits, shift, out=moved)
+        bits |= moved
+        bits &= mask
+    return bits
 
 
 def cell_boxes(first_cut: Direction, levels: np.ndarray, codes: np.ndarray) -> np.ndarray:

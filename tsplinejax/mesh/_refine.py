@@ -10,13 +10,14 @@ marked one (Morgenstern & Peterseim, "Analysis-suitable adaptive T-mesh refineme
 """
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Int
 
 from .._errors import InputError
-from ._codes import DEPTH, MAX_LEVEL, UNIT
+from ._codes import DEPTH, MAX_LEVEL, UNIT, cell_boxes
+from ._knots import refine_traces
 from ._tmesh import Forest, TMesh, make_forest_mesh
 
 
@@ -91,11 +92,14 @@ class Refinement:
     - `mesh`: the new T-mesh.
     - `parent`: for each new element the old element that holds it.
     - `bisected`: which old elements were bisected.
+    - `kept`: for each new anchor the old one at the same place with the same local knots, or -1; `None` where the
+      old mesh's local knots were not at hand.
     """
 
     mesh: TMesh
     parent: Int[np.ndarray, " new_elements"]
     bisected: Bool[np.ndarray, " elements"]
+    kept: Int[np.ndarray, " new_anchors"] | None = None
 
 
 def refine(
@@ -127,6 +131,8 @@ def refine(
 def bisect(tmesh: TMesh, chosen: Bool[np.ndarray, " elements"]) -> Refinement:
     """Bisect exactly the chosen elements, each in the direction of its level's parity.
 
+    Where the old mesh's local knots are at hand, the new mesh's come with it, at the cost of what changed.
+
     >>> from tsplinejax.mesh import b_lattice
     >>> bisect(b_lattice(1, 1), np.array([True])).mesh.element_boxes[:, 2].tolist()
     [0.5, 1.0]
@@ -135,8 +141,14 @@ def bisect(tmesh: TMesh, chosen: Bool[np.ndarray, " elements"]) -> Refinement:
     if (forest.levels[chosen] >= MAX_LEVEL).any():
         raise InputError(f"elements can be bisected {MAX_LEVEL} times at most; a marked element is at that level")
     levels, codes, parent = bisect_cells(forest.levels, forest.codes, chosen)
-    mesh = make_forest_mesh(forest.lattice, forest.first_cut, levels, codes, tmesh.border)
-    return Refinement(mesh, parent, chosen)
+    halved = chosen[parent]
+    boxes = tmesh.boxes.take(parent, axis=0)
+    boxes[halved] = cell_boxes(forest.first_cut, levels[halved], codes[halved])
+    mesh = make_forest_mesh(forest.lattice, forest.first_cut, levels, codes, tmesh.border, boxes)
+    if not tmesh.is_traced:
+        return Refinement(mesh, parent, chosen)
+    traces, kept = refine_traces(tmesh.traces, mesh, parent, chosen)
+    return Refinement(replace(mesh, _known=traces), parent, chosen, kept)
 
 
 def bisect_cells(
@@ -147,10 +159,10 @@ def bisect_cells(
     parent = np.repeat(np.arange(len(codes)), counts)
     second = np.zeros(len(parent), bool)
     second[np.cumsum(counts)[chosen] - 1] = True
-    new_levels = levels[parent] + chosen[parent]
+    new_levels = levels.take(parent) + chosen.take(parent)
     # The second half starts half a code range on: a cell of level k owns 2^(2 DEPTH - k) codes.
     half = np.int64(1) << (2 * DEPTH - new_levels)
-    return new_levels, codes[parent] + np.where(second, half, 0), parent
+    return new_levels, codes.take(parent) + np.where(second, half, 0), parent
 
 
 def require_forest(tmesh: TMesh) -> Forest:

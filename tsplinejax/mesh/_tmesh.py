@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from .._errors import InputError
 from ._codes import DEPTH, MAX_LATTICE, MAX_LEVEL, UNIT, Border, Direction, cell_boxes, z_order
-from ._knots import find_anchors, find_local_knots
+from ._knots import Traces, find_anchors, find_traces
 
 
 def frozen_array(values: ArrayLike) -> np.ndarray:
@@ -70,6 +70,7 @@ class TMesh:
     border: Border = "clamped"
     forest: Forest | None = None
     _table: np.ndarray | None = field(default=None, repr=False)
+    _known: Traces | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         kind = "given by hand"
@@ -96,12 +97,22 @@ class TMesh:
     @cached_property
     def anchors(self) -> Int[np.ndarray, "anchors 2"]:
         """Index coordinates of the anchors: every vertex, and one frame line beyond the border (§4 of the paper)."""
-        return frozen_array(find_anchors(self))
+        return frozen_array(find_anchors(self) if self._known is None else self._known.anchors)
 
     @cached_property
     def local_knots(self) -> Int[np.ndarray, "anchors 2 5"]:
         """Local knot vectors by Sederberg's rule one, as index coordinates: `[:, 0]` along s, `[:, 1]` along t."""
-        return frozen_array(find_local_knots(self, self.anchors))
+        return frozen_array(self.traces.local_knots)
+
+    @cached_property
+    def traces(self) -> Traces:
+        """Local knots with the elements that decided them: what a refinement updates."""
+        return find_traces(self, self.anchors) if self._known is None else self._known
+
+    @property
+    def is_traced(self) -> bool:
+        """Whether the local knots are at hand."""
+        return self._known is not None or "traces" in vars(self)
 
     def locate(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Index of the element that holds each index cell (x, x + 1) × (y, y + 1) inside the mesh."""
@@ -173,11 +184,16 @@ def _check_words(first_cut: str, border: str) -> None:
 
 
 def make_forest_mesh(
-    lattice: tuple[int, int], first_cut: Direction, levels: np.ndarray, codes: np.ndarray, border: Border
+    lattice: tuple[int, int],
+    first_cut: Direction,
+    levels: np.ndarray,
+    codes: np.ndarray,
+    border: Border,
+    boxes: np.ndarray | None = None,
 ) -> TMesh:
-    """The T-mesh of sorted Z-order codes and their levels."""
+    """The T-mesh of sorted Z-order codes and their levels (and boxes, where these are known)."""
     forest = Forest(lattice, first_cut, frozen_array(levels), frozen_array(codes))
-    boxes = cell_boxes(first_cut, levels, codes)
+    boxes = cell_boxes(first_cut, levels, codes) if boxes is None else boxes
     extent = (lattice[0] * UNIT, lattice[1] * UNIT)
     return TMesh(frozen_array(boxes), extent, UNIT, border=border, forest=forest)
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..mesh import TMesh, bisect_cells, cell_boxes
+from ._spans import NOBODY, cut_in_vain, lay_out, likely_pieces
 
 Locate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -45,6 +46,27 @@ def bezier_elements(tmesh: TMesh) -> BezierElements:
     >>> bezier_elements(b_lattice(3, 2)).functions.shape
     (6, 16)
     """
+    elements = None if tmesh.forest is None else by_spans(tmesh)
+    return by_cutting(tmesh) if elements is None else elements
+
+
+def by_spans(tmesh: TMesh) -> BezierElements | None:
+    """The Bézier elements of an analysis-suitable dyadic mesh, `None` where it turns out not to be one."""
+    pieces = likely_pieces(tmesh, np.arange(tmesh.n_elements))
+    layout = lay_out(tmesh, tmesh.local_knots, np.arange(tmesh.n_anchors), pieces)
+    if layout is None:
+        return None
+    table = np.ascontiguousarray(layout.table[:, :-1].T)
+    if (table == NOBODY).any():
+        return None
+    table.sort(axis=1)
+    if cut_in_vain(tmesh.local_knots, pieces, table, layout.sure[:-1]):
+        return None
+    return BezierElements(pieces.boxes, pieces.owner, table, pieces.levels, pieces.codes)
+
+
+def by_cutting(tmesh: TMesh) -> BezierElements:
+    """The Bézier elements of any T-mesh."""
     knots = tmesh.local_knots
     supports = np.stack([knots[:, 0, 0], knots[:, 1, 0], knots[:, 0, 4], knots[:, 1, 4]], axis=1)
     supports = np.clip(supports, 0, np.tile(tmesh.extent, 2))
@@ -58,7 +80,7 @@ def bezier_elements(tmesh: TMesh) -> BezierElements:
     open_pairs = np.ones(len(cell), bool)
     while True:
         cut = np.zeros(len(codes), bool)
-        cut[cell[open_pairs][_cut_by_knots(knots[function[open_pairs]], boxes[cell[open_pairs]])]] = True
+        cut[cell[open_pairs][cut_by_knots(knots[function[open_pairs]], boxes[cell[open_pairs]])]] = True
         if not cut.any():
             break
         levels, codes, parent = bisect_cells(levels, codes, cut)
@@ -103,7 +125,7 @@ def _overlaps(supports: np.ndarray, boxes: np.ndarray, locate: Locate) -> tuple[
     return np.concatenate(functions), np.concatenate(cells)
 
 
-def _cut_by_knots(knots: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+def cut_by_knots(knots: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Whether a local knot of the pair's function runs through the inside of the pair's cell."""
     cut = np.zeros(len(boxes), bool)
     for axis in range(2):
