@@ -114,7 +114,7 @@ def advance(problem: Problem, state: State) -> State:
     refinement, stage = _refine(problem, state)
     if refinement is None:
         return replace(state, exhausted=True)
-    step = change(state.mesh, refinement.mesh, problem.least_capacity)
+    step = change(state.mesh, refinement, problem.least_capacity)
     mesh = step.mesh
     if state.store.capacity < mesh.capacity:
         state = replace(

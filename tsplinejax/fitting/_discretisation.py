@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..mesh import TMesh, anchor_codes
-from ..space import BezierElements, bezier_elements, capacity_for
+from ..mesh import Refinement, TMesh
+from ..space import BezierElements, bezier_elements, capacity_for, refine_elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Change:
     - `mesh`: the refined mesh.
     - `kept`: for each new blending function the index of the same old one (same anchor and knots), or -1.
     - `changed`: Bézier elements that are new.
-    - `touched`: Bézier elements that are new, or on which a new or altered function lives.
+    - `touched`: Bézier elements that are new, or whose functions or local knots are.
     """
 
     mesh: Discretisation
@@ -78,40 +78,20 @@ def discretise(tmesh: TMesh, least_capacity: int) -> Discretisation:
     return Discretisation(tmesh, elements, np.arange(len(elements)), _capacity(tmesh, elements, least_capacity))
 
 
-def change(old: Discretisation, tmesh: TMesh, least_capacity: int) -> Change:
+def change(old: Discretisation, refinement: Refinement, least_capacity: int) -> Change:
     """A refined mesh, whose unchanged Bézier elements keep their slots."""
-    elements = bezier_elements(tmesh)
-    source = same_elements(old.elements, elements)
+    update = refine_elements(old.elements, old.tmesh, refinement)
+    elements, same = update.elements, update.source >= 0
     slots = np.empty(len(elements), np.int64)
-    same = source >= 0
-    slots[same] = old.slots[source[same]]
+    slots[same] = old.slots[update.source[same]]
     left = np.ones(len(old.elements), bool)
-    left[source[same]] = False
+    left[update.source[same]] = False
     slots[~same] = np.concatenate([old.slots[left], np.arange(len(old.elements), len(elements))])
-    capacity = max(old.capacity, _capacity(tmesh, elements, least_capacity))
-    mesh = Discretisation(tmesh, elements, slots, capacity)
-    kept = unaltered_functions(old.tmesh, tmesh)
-    return Change(mesh, kept, ~same, ~same | mesh.touched_by(kept < 0))
+    capacity = max(old.capacity, _capacity(refinement.mesh, elements, least_capacity))
+    mesh = Discretisation(refinement.mesh, elements, slots, capacity)
+    return Change(mesh, update.kept, ~same, update.touched)
 
 
 def _capacity(tmesh: TMesh, elements: BezierElements, least: int) -> int:
     """The padded length for a mesh."""
     return capacity_for(max(len(elements), tmesh.n_anchors), least)
-
-
-def same_elements(old: BezierElements, new: BezierElements) -> Int[np.ndarray, " new"]:
-    """For each new Bézier element the index of the same old one, or -1."""
-    assert old.codes is not None
-    assert old.levels is not None
-    assert new.codes is not None
-    place = np.minimum(np.searchsorted(old.codes, new.codes), len(old) - 1)
-    same = (old.codes[place] == new.codes) & (old.levels[place] == new.levels)
-    return np.where(same, place, -1)
-
-
-def unaltered_functions(old: TMesh, new: TMesh) -> Int[np.ndarray, " new"]:
-    """For each new blending function the index of the same old one (same anchor and knots), or -1."""
-    old_codes, new_codes = anchor_codes(old, old.anchors), anchor_codes(new, new.anchors)
-    place = np.minimum(np.searchsorted(old_codes, new_codes), len(old_codes) - 1)
-    same = (old_codes[place] == new_codes) & (old.local_knots[place] == new.local_knots).all(axis=(1, 2))
-    return np.where(same, place, -1)

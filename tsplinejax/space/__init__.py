@@ -20,3 +20,4 @@ from ._space import (
     spline_space as spline_space,
     to_device as to_device,
 )
+from ._update import ElementUpdate as ElementUpdate, refine_elements as refine_elements
