@@ -293,7 +293,7 @@ def _solve_step(
         free = altered
         for _ in range(solver.ring):
             free = mesh.with_neighbours(free)
-        affected = mesh.slots[mesh.touched_by(free)]
+        affected = np.sort(mesh.slots[mesh.touched_by(free)])  # rows in the order of memory
     solution = conjugate_gradients(
         store.system,
         choose(affected, mesh.capacity),
