@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 PLACES_A_BAND = 1 << 16
 BANDS_KEPT = 32  # about 200 bytes a place: 400 MB
+# For more columns SuperLU starts threads in its many small products: no gain alone, and ten times slower on busy cores.
+COLUMNS_A_SOLVE = 4
 # A residual of the normal equations above the first is refined once; a condition above the second leaves no digits.
 REFINED_ABOVE, WORST_CONDITION = 1e-13, 1e13
 
@@ -100,11 +102,19 @@ class Factor:
     def solve(self, loads: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
         """Control points; functions that no sample sees get zero, as their loads are."""
         scaled = loads * self.scale
-        solution = self.lu.solve(scaled)
+        solution = self._by_columns(scaled)
         left = scaled - self.matrix @ solution
         if np.abs(left).max() > REFINED_ABOVE * np.abs(scaled).max():
-            solution += self.lu.solve(left)
+            solution += self._by_columns(left)
         return solution * self.scale
+
+    def _by_columns(self, loads: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
+        """Solve for a few columns at a time."""
+        solution = np.empty_like(loads)
+        for first in range(0, loads.shape[1], COLUMNS_A_SOLVE):
+            taken = slice(first, first + COLUMNS_A_SOLVE)
+            solution[:, taken] = self.lu.solve(loads[:, taken])
+        return solution
 
 
 def factorise(design: Design, energy: "csc_array | None", weight: float, of: str) -> Factor:

@@ -23,6 +23,7 @@ from ._design import Design, Factor, energy_matrix, factorise
 from ._energy import default_smoothing
 
 MAPS_AT_A_TIME = 64
+PIXELS_A_COPY = 512  # of all maps of a chunk: what is written stays in the cache until its lines are full
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,10 +137,13 @@ class _Stack:
     def pixels(self, chosen: Int[np.ndarray, " c"], pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
         """Some pixels of some maps, one column a map."""
         values = np.empty((len(pixels), len(chosen)))
-        everything = len(pixels) and pixels[-1] - pixels[0] + 1 == len(pixels)
-        taken = slice(pixels[0], pixels[-1] + 1) if everything else pixels
-        for column, index in enumerate(chosen):
-            values[:, column] = np.asarray(self.heights[index]).ravel()[taken]
+        gapless = pixels[-1] - pixels[0] + 1 == len(pixels)
+        taken = slice(pixels[0], pixels[-1] + 1) if gapless else pixels
+        rows = [np.asarray(self.heights[index]).ravel()[taken] for index in chosen]
+        for first in range(0, len(pixels), PIXELS_A_COPY):
+            part = slice(first, first + PIXELS_A_COPY)
+            for column, row in enumerate(rows):
+                values[part, column] = row[part]
         return values
 
 
