@@ -11,7 +11,7 @@ from tsplinejax.cli import main as tsplinejax
 
 PAGE = Path(__file__).parent / "command-line.md"
 OPENING = "<!-- help: written by docs/make_command_line.py -->"
-COMMANDS = ("fit", "evaluate", "info", "convert", "plot", "demo")
+COMMANDS = ("fit", "batch fit", "evaluate", "info", "convert", "plot", "demo")
 
 
 def main() -> None:
@@ -23,7 +23,7 @@ def main() -> None:
 
 def _help(command: str) -> str:
     with redirect_stdout(io.StringIO()) as text:
-        tsplinejax([command, "--help"])
+        tsplinejax([*command.split(), "--help"])
     return text.getvalue()
 
 

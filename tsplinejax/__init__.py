@@ -13,13 +13,17 @@ from .data import (
     find_outliers as find_outliers,
 )
 from .fitting import (
+    BatchItem as BatchItem,
     FitResult as FitResult,
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
+    SharedFit as SharedFit,
     Step as Step,
     StopReason as StopReason,
     ToleranceStudy as ToleranceStudy,
     fit as fit,
+    fit_batch as fit_batch,
+    fit_shared as fit_shared,
     lstsq as lstsq,
     tolerance_study as tolerance_study,
 )

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tsplinejax import cli
-from tsplinejax.cli import _fit
+from tsplinejax.cli import _fit, _outcome
 
 
 @pytest.fixture(autouse=True)
@@ -105,7 +104,7 @@ def test_unexpected_errors_are_one_line_too(command, monkeypatch):
     code, out, err = command("fit", "map.npz", "-o", "m.tspl")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "unexpected ZeroDivisionError" in err
-    monkeypatch.setenv(cli._main.TRACEBACK_VARIABLE, "1")
+    monkeypatch.setenv(_outcome.TRACEBACK_VARIABLE, "1")
     assert "Traceback" in command("fit", "map.npz", "-o", "m.tspl")[2]
 
 

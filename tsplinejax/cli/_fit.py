@@ -32,14 +32,19 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("input", metavar="INPUT", help="height map or point cloud")
     parser.add_argument("-o", "--output", metavar="MODEL.tspl", required=True, help="the model file to write")
+    add_fit_options(parser)
+    parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
+
+
+def add_fit_options(parser: Parser, what: str = "the input") -> None:
+    """Add what says how data are read and fitted."""
     _add_criterion(parser)
     _add_method(parser)
     group = parser.add_argument_group("budgets: where one ends the fit, the model is written and the exit code is 1")
     group.add_argument("--max-steps", metavar="N", type=int, help="steps of refinement")
     group.add_argument("--max-control-points", metavar="N", type=int, help="default: half the valid samples")
     group.add_argument("--max-seconds", metavar="S", type=float, help="seconds")
-    add_data_options(parser)
-    parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
+    add_data_options(parser, what)
 
 
 def _add_criterion(parser: Parser) -> None:
@@ -87,14 +92,19 @@ def run(arguments: argparse.Namespace) -> Outcome:
     target = checked_output(arguments.output, _MODELS, arguments.input, arguments.mask)
     picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
     existing_file(arguments.input)
-    data = read_data(arguments.input, arguments)
-    data = levelled(data) if arguments.level == "plane" else data
+    data = prepared_data(arguments.input, arguments)
     result = fit(data, **fit_options(arguments))
     save(target, result)
     if picture is not None:
         write_picture(picture, lambda: plot_overview(result))
     report = {"model": str(target), "plot": None if picture is None else str(picture), **report_of(result)}
     return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
+
+
+def prepared_data(path: str, arguments: argparse.Namespace) -> HeightMap | PointCloud:
+    """The data of a file as they are to be fitted."""
+    data = read_data(path, arguments)
+    return levelled(data) if arguments.level == "plane" else data
 
 
 def fit_options(arguments: argparse.Namespace) -> dict[str, Any]:

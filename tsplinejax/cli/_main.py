@@ -7,20 +7,15 @@ Exit codes: 0, the criterion was met (or the command has none); 1, the fit stopp
 import io
 import os
 import sys
-import traceback
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
 
-from .._errors import InputError
 from .._version import __version__
-from . import _convert, _demo, _evaluate, _fit, _info, _plot
+from . import _batch, _convert, _demo, _evaluate, _fit, _info, _plot
 from ._arguments import Parser, joined_negatives
 from ._environment import CACHE_VARIABLE, prepare_jax
-from ._outcome import REFUSED, Outcome, as_json
-
-#: Set to anything to see where an unexpected error comes from.
-TRACEBACK_VARIABLE = "TSPLINEJAX_TRACEBACK"
+from ._outcome import REFUSED, Outcome, as_json, one_line, reason
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,16 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     except KeyboardInterrupt:
         return _refuse("interrupted before there was a result; nothing was written")
-    except InputError as error:
-        return _refuse(str(error))
-    except MemoryError:
-        return _refuse("the machine has too little memory for this; use --crop, or --dtype float32")
     except Exception as error:
-        if os.environ.get(TRACEBACK_VARIABLE):
-            traceback.print_exc()
-        return _refuse(
-            f"unexpected {type(error).__name__}: {error}; please report it, with what {TRACEBACK_VARIABLE}=1 shows"
-        )
+        return _refuse(reason(error))
     _say(outcome, as_object=arguments.json)
     return outcome.code
 
@@ -73,7 +60,7 @@ def make_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"tsplinejax {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (_fit, _evaluate, _info, _convert, _plot, _demo):
+    for module in (_fit, _batch, _evaluate, _info, _convert, _plot, _demo):
         module.add(commands)
     return parser
 
@@ -81,7 +68,7 @@ def make_parser() -> Parser:
 def _say(outcome: Outcome, *, as_object: bool) -> None:
     """Print warnings to standard error and the outcome to standard output."""
     for warning in outcome.report.get("warnings", ()):
-        print(f"tsplinejax: warning: {_one_line(warning)}", file=sys.stderr)
+        print(f"tsplinejax: warning: {one_line(warning)}", file=sys.stderr)
     try:
         print(as_json(outcome.report) if as_object else "\n".join(outcome.lines), flush=True)
     except BrokenPipeError:  # the reader, `head` for instance, has seen enough
@@ -89,12 +76,8 @@ def _say(outcome: Outcome, *, as_object: bool) -> None:
 
 
 def _refuse(message: str) -> int:
-    print(f"tsplinejax: error: {_one_line(message)}", file=sys.stderr)
+    print(f"tsplinejax: error: {one_line(message)}", file=sys.stderr)
     return REFUSED
-
-
-def _one_line(text: str) -> str:
-    return " ".join(str(text).split())
 
 
 @contextmanager
@@ -102,7 +85,7 @@ def _plain_warnings():
     """Show Python's warnings as one line each, without the place in the source."""
 
     def show(message, category, filename, lineno, file=None, line=None) -> None:
-        print(f"tsplinejax: warning: {_one_line(message)}", file=sys.stderr)
+        print(f"tsplinejax: warning: {one_line(message)}", file=sys.stderr)
 
     with warnings.catch_warnings():
         warnings.showwarning = show

@@ -1,17 +1,23 @@
 """What a command returns, and how it is said: a JSON object, or a few lines for people."""
 
 import json
+import os
+import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from .._errors import InputError
 from ..codec._plain import plain
 from ..data import HeightMap, PointCloud
 from ..plot._style import display_unit
 
 MET, STOPPED_EARLIER, REFUSED = 0, 1, 2
+
+#: Set to anything to see where an unexpected error comes from.
+TRACEBACK_VARIABLE = "TSPLINEJAX_TRACEBACK"
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,31 @@ def table(rows: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     listed = list(rows)
     width = max(len(name) for name, _ in listed)
     return tuple(f"{name:{width}}  {value}" for name, value in listed)
+
+
+def one_line(text: object) -> str:
+    """A text without line breaks: what people and programs read line by line.
+
+    >>> one_line("first\\n  second")
+    'first second'
+    """
+    return " ".join(str(text).split())
+
+
+def reason(error: Exception) -> str:
+    """What went wrong, in one line; of an unexpected error the traceback is printed where it was asked for.
+
+    >>> reason(InputError("a tolerance is above zero; received 0"))
+    'a tolerance is above zero; received 0'
+    """
+    if isinstance(error, InputError):
+        return one_line(error)
+    if isinstance(error, MemoryError):
+        return "the machine has too little memory for this; use --crop, or --dtype float32"
+    if os.environ.get(TRACEBACK_VARIABLE):
+        traceback.print_exception(error)
+    kind = type(error).__name__
+    return one_line(f"unexpected {kind}: {error}; please report it, with what {TRACEBACK_VARIABLE}=1 shows")
 
 
 def quantity(value: float | None, unit: str | None) -> str:

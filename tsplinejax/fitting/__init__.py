@@ -1,6 +1,7 @@
 """Fitting: the adaptive loop, its criteria and solvers, and least squares on a fixed space."""
 
 from ._adaptive import State as State, advance as advance, begin as begin, terminate as terminate
+from ._batch import BatchItem as BatchItem, fit_batch as fit_batch
 from ._criteria import (
     AbstractCriterion as AbstractCriterion,
     NoiseCriterion as NoiseCriterion,
@@ -10,6 +11,7 @@ from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
 from ._lstsq import lstsq as lstsq
 from ._problem import Budget as Budget, Problem as Problem
 from ._result import FitResult as FitResult, Step as Step, StopReason as StopReason
+from ._shared import SharedFit as SharedFit, fit_shared as fit_shared
 from ._solve import (
     AbstractSolver as AbstractSolver,
     GlobalSolver as GlobalSolver,
