@@ -32,6 +32,15 @@ def bernstein_energy(sides: Float[Array, "e 2"]) -> Float[Array, "e 16 16"]:
     return jnp.einsum("ek,kij->eij", _scales(sides), jnp.asarray(_grams(), sides.dtype), precision="highest")
 
 
+def element_energy(
+    along_s: Float[Array, "e K 4"], along_t: Float[Array, "e K 4"], sides: Float[Array, "e 2"]
+) -> Float[Array, "e K K"]:
+    """Energy matrices of the blending functions on elements with physical sides."""
+    basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*along_s.shape[:2], 16)
+    half = jnp.matmul(basis, bernstein_energy(sides), precision="highest")
+    return jnp.matmul(half, jnp.swapaxes(basis, 1, 2), precision="highest")
+
+
 def piece_energies(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) -> Float[Array, " e"]:
     """The energy of each polynomial piece with these Bézier points, on an element with these physical sides."""
     flat = points.reshape(len(points), 16, -1)

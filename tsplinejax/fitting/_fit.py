@@ -210,9 +210,16 @@ def surface_of(problem: Problem, state: State) -> TSpline:
     scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
     points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
     height_map = problem.data.dimension == 1
-    mesh = state.mesh
+    mesh, along = state.mesh, None
+    if state.alive:
+        along = (np.asarray(state.store.along_s)[mesh.slots], np.asarray(state.store.along_t)[mesh.slots])
     space = spline_space(
-        mesh.tmesh, dtype=problem.dtype, rational=problem.rational, elements=mesh.elements, capacity=mesh.capacity
+        mesh.tmesh,
+        dtype=problem.dtype,
+        rational=problem.rational,
+        elements=mesh.elements,
+        along=along,
+        capacity=mesh.capacity,
     )
     return make_surface(space, points[:, 0] if height_map else points, problem.data.frame)
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..space import to_device
 from ._samples import AbstractSamples, Blocks
 from ._tiles import AbstractTile
 
@@ -37,7 +38,8 @@ class Counts:
 
 def empty_moments(capacity: int, dimension: int, dtype: np.dtype) -> Moments:
     """Moments of no samples."""
-    return Moments(jnp.zeros((capacity, 7, 7), dtype), jnp.zeros((capacity, 4, 4, dimension), dtype))
+    shapes = ((capacity, 7, 7), (capacity, 4, 4, dimension))
+    return Moments(*(to_device(np.zeros(shape, dtype)) for shape in shapes))
 
 
 def add_samples(

@@ -78,15 +78,19 @@ class Store(eqx.Module):
 
 def empty_store(capacity: int, width: int, dimension: int, components: int, dtype: np.dtype) -> Store:
     """A store for K = `width` functions an element, without elements."""
+
+    def zeros(*shape: int) -> Array:
+        return to_device(np.zeros((capacity, *shape), dtype))
+
     return Store(
         to_device(np.full((capacity, width), -1, np.int32)),
         to_device(np.zeros((capacity, 4), np.int32)),
-        jnp.zeros((capacity, width, 4), dtype),
-        jnp.zeros((capacity, width, 4), dtype),
+        zeros(width, 4),
+        zeros(width, 4),
         empty_moments(capacity, dimension, dtype),
-        jnp.zeros((capacity, width, width), dtype),
-        jnp.zeros((capacity, width, dimension), dtype),
-        jnp.zeros((capacity, 4, 4, components), dtype),
+        zeros(width, width),
+        zeros(width, dimension),
+        zeros(4, 4, components),
     )
 
 

@@ -117,6 +117,7 @@ def spline_space(
     dtype: DTypeLike | None = None,
     rational: bool | None = None,
     elements: BezierElements | None = None,
+    along: tuple[np.ndarray, np.ndarray] | None = None,
     capacity: int | None = None,
 ) -> SplineSpace:
     """The spline space of a T-mesh, by Bézier extraction.
@@ -127,6 +128,7 @@ def spline_space(
     - `dtype`: float32 or float64; by default float64 where JAX's x64 mode is on, else float32.
     - `rational`: whether to divide by the sum of the blending functions; by default found out.
     - `elements`: the mesh's Bézier elements, where they are known already.
+    - `along`: with them, the functions' Bernstein coefficients along s and t, (elements, K, 4) each.
     - `capacity`: padded length; by default the smallest that fits.
 
     **Raises:** `InputError` for a dtype that JAX cannot hold.
@@ -143,12 +145,11 @@ def spline_space(
         raise InputError(f"the capacity must hold {needed} entries; received {capacity}; leave it out to choose one")
     functions = pad(elements.functions, capacity, -1)
     boxes = pad(elements.boxes.astype(np.int32), capacity, np.array([-1, -1, 0, 0], np.int32))
-    along_s, along_t = _extract(
-        to_device(functions),
-        knot_arrays(tmesh, tmesh.local_knots, capacity, dtype),
-        _box_arrays(tmesh, boxes, dtype),
-        dtype,
-    )
+    if along is None:
+        knots = knot_arrays(tmesh, tmesh.local_knots, capacity, dtype)
+        along_s, along_t = _extract(to_device(functions), knots, _box_arrays(tmesh, boxes, dtype), dtype)
+    else:
+        along_s, along_t = (to_device(pad(part, capacity, 0)) for part in along)
     corner, size = _parameter_boxes(tmesh, elements.boxes, capacity, dtype)
     if rational is None:
         sums = np.asarray(jnp.einsum("eka,ekb->eab", along_s, along_t))[: len(elements)]
