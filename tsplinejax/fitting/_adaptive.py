@@ -41,7 +41,7 @@ from ._tally import Tally, empty_tally
 
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
 # Where a step's solve and the last one may end: moves of the control points, in thresholds of the criterion.
-LOOSE, FINE = 0.1, 0.003
+LOOSE, FINE = 0.1, 0.02
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
 # Relative gradients: where a long solve stops for certain, and above which it needs help.
 TIGHT, ACCEPTABLE = 1e-13, 1e-5
