@@ -3,8 +3,8 @@
 On a dyadic forest: integer arithmetic gives the lattice square and the Z-order code inside it (32 bits), and a tree of
 tables gives the Bézier element. The root is one table over all cells of a level K; a cell that Bézier elements cut
 further points to a table of the 2^f cells that are f levels deeper, and so on. K and f are chosen so that the fewest
-tables are read while their length stays a small multiple of the number of elements, however deep the finest one is. On a
-mesh given by hand: a table of its index cells.
+tables are read while their length stays a small multiple of the number of elements, however deep the finest one is.
+On a mesh given by hand: a table of its index cells.
 """
 
 from abc import abstractmethod
