@@ -106,9 +106,13 @@ def make_locator(tmesh: TMesh, elements: BezierElements, capacity: int, dtype: n
     table = np.zeros(ENTRIES * capacity, np.int32)
     entries = _tables(order, codes, levels, root_level, fan_out)
     table[: len(entries)] = entries
-    scalars = (np.asarray(value, np.int32) for value in (root_level, fan_out, steps, (columns, rows)))
     return ForestLocator(
-        jax.device_put(table), *(jax.device_put(value) for value in scalars), tmesh.forest.first_cut == "s"
+        jax.device_put(table),
+        jax.device_put(np.int32(root_level)),
+        jax.device_put(np.int32(fan_out)),
+        jax.device_put(np.int32(steps)),
+        jax.device_put(np.asarray(tmesh.forest.lattice, np.int32)),
+        tmesh.forest.first_cut == "s",
     )
 
 

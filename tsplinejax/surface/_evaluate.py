@@ -1,7 +1,7 @@
 """Evaluation: control points to Bézier points, parameters to elements, Bernstein polynomials times Bézier points.
 
-Kernels are sums over a, b = 0 ... 3 of flat arrays (m,), one entry a parameter: the gathers of the 16 Bézier points and
-all arithmetic fuse into one loop over parameters, without temporaries of (m, 4, 4). Concrete parameters are handed over
+Kernels are sums over a, b = 0 ... 3 of arrays (m, d), one row a parameter: the gathers of the 16 Bézier points and all
+arithmetic fuse into one loop over parameters, without temporaries of (m, 4, 4). Concrete parameters are handed over
 in chunks that stay in the cache, padded to capacities, so that no number of parameters and no number of control points
 asks for a kernel of its own. Inside a transformation everything is one expression of the caller's.
 """
@@ -24,8 +24,9 @@ from ._parameters import refuse_traced, require_inside
 
 # 1 to 4 MB of parameters and values: little enough for the cache, long enough to hide the call.
 CHUNK = 1 << 17
+ALIGNMENT = 64
 Places = np.ndarray | Array
-Point = Callable[[int, int, int], Array]
+Point = Callable[[int, int], Array]
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,20 @@ def _in_chunks(
     parts = [kernel(_padded(flat[start : start + length], space.dtype, query)) for start in starts]
     if not host:
         return parts[0][:m].reshape(shape)
-    cut = [np.asarray(part)[: m - start] for start, part in zip(starts, parts, strict=True)]
-    return to_device((np.concatenate(cut) if len(cut) > 1 else cut[0]).reshape(shape))
+    return to_device(_joined(parts, length, m).reshape(shape))
+
+
+def _joined(parts: list[Array], length: int, m: int) -> np.ndarray:
+    """The first m rows of chunks of a length, where the device can take them over without another copy."""
+    if len(parts) == 1:
+        return np.asarray(parts[0])[:m]
+    rows = (m, *parts[0].shape[1:])
+    memory = np.empty(int(np.prod(rows)) * parts[0].dtype.itemsize + ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % ALIGNMENT
+    joined = memory[start : start - ALIGNMENT].view(parts[0].dtype).reshape(rows)
+    for k, part in enumerate(parts):
+        joined[k * length : (k + 1) * length] = np.asarray(part)[: m - k * length]
+    return joined
 
 
 def _padded(places: Places, dtype: np.dtype, query: Query) -> Places:
@@ -152,7 +165,7 @@ def _at_many(
     element = locator(parameters)
     local = [(parameters[:, k] - corner[element, k]) / size[element, k] for k in range(2)]
     sizes = [size[element, k] for k in range(2)]
-    return _values(query, local, sizes, lambda a, b, c: points[element, a, b, c], points.shape[-1], inside)
+    return _values(query, local, sizes, lambda a, b: points[element, a, b], inside)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -170,7 +183,7 @@ def _at_few(
     points = bezier_points(tables, _homogeneous(coefficients, query.rational), element)
     sizes = [tables.size[element, k] for k in range(2)]
     local = [(parameters[:, k] - tables.corner[element, k]) / sizes[k] for k in range(2)]
-    return _values(query, local, sizes, lambda a, b, c: points[:, a, b, c], points.shape[-1], inside)
+    return _values(query, local, sizes, lambda a, b: points[:, a, b], inside)
 
 
 def _parameters(query: Query, frame: tuple[Array, Array], places: Array) -> tuple[Array, Array | None]:
@@ -185,33 +198,31 @@ def _parameters(query: Query, frame: tuple[Array, Array], places: Array) -> tupl
     return jnp.clip(parameters, 0, 1), inside if query.beyond == "nan" else None
 
 
-def _values(
-    query: Query, local: list[Array], sizes: list[Array], point: Point, components: int, inside: Array | None
-) -> Array:
+def _values(query: Query, local: list[Array], sizes: list[Array], point: Point, inside: Array | None) -> Array:
     """Σ_ab B_a(u) B_b(v) P_ab or its derivative: (m,) for one component, (m, d) for more."""
 
-    def polynomial(orders: tuple[int, int]) -> list[Array]:
-        terms = zip(local, sizes, orders, strict=True)
-        B, C = ([term / size**k for term in bernstein_terms(u, k)] if k else bernstein_terms(u) for u, size, k in terms)
-        return [
-            sum(B[a] * sum(C[b] * point(a, b, c) for b in range(4)) for a in range(4))  # type: ignore[misc]
-            for c in range(components)
-        ]
+    def polynomial(orders: tuple[int, int]) -> Float[Array, "m d"]:
+        B, C = (
+            [term[:, None] / size[:, None] ** k for term in bernstein_terms(u, k)]
+            for u, size, k in zip(local, sizes, orders, strict=True)
+        )
+        rows = [B[a] * sum(C[b] * point(a, b) for b in range(4)) for a in range(4)]
+        return rows[0] + rows[1] + rows[2] + rows[3]
 
     values = _quotient(polynomial, query.order) if query.rational else polynomial(query.order)
     if inside is not None:
-        values = [jnp.where(inside, value, jnp.nan) for value in values]
-    return values[0] if len(values) == 1 else jnp.stack(values, axis=-1)
+        values = jnp.where(inside[:, None], values, jnp.nan)
+    return values[:, 0] if values.shape[1] == 1 else values
 
 
-def _quotient(polynomial: Callable[[tuple[int, int]], list[Array]], order: tuple[int, int]) -> list[Array]:
+def _quotient(polynomial: Callable[[tuple[int, int]], Array], order: tuple[int, int]) -> Array:
     """Derivative of numerator over denominator, by Leibniz' rule on f · w = p."""
-    known: dict[tuple[int, int], list[Array]] = {}
+    known: dict[tuple[int, int], Array] = {}
     raw = {(i, j): polynomial((i, j)) for i in range(order[0] + 1) for j in range(order[1] + 1)}
-    for (i, j), (*rest, _) in raw.items():
+    for (i, j), value in raw.items():
+        rest = value[:, :-1]
         for (k, m), earlier in known.items():
             if k <= i and m <= j:
-                weight = comb(i, k) * comb(j, m) * raw[i - k, j - m][-1]
-                rest = [value - weight * other for value, other in zip(rest, earlier, strict=True)]
-        known[i, j] = [value / raw[0, 0][-1] for value in rest]
+                rest = rest - comb(i, k) * comb(j, m) * raw[i - k, j - m][:, -1:] * earlier
+        known[i, j] = rest / raw[0, 0][:, -1:]
     return known[order]

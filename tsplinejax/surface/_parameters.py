@@ -44,9 +44,13 @@ def require_inside(parameters: Float[np.ndarray, "m 2"] | Float[Array, "m 2"]) -
     """Raise for parameters outside [0, 1]², and for NaN."""
     if not parameters.size:
         return
-    # Extremes carry NaN along, and need no array of flags as long as the parameters.
-    low, high = _extremes(parameters) if isinstance(parameters, jax.Array) else (parameters.min(), parameters.max())
-    if low >= 0 and high <= 1:
+    if isinstance(parameters, jax.Array):
+        # Not by extremes: those of large arrays lose NaN in some versions of XLA.
+        good = bool(_all_inside(parameters))
+    else:
+        # numpy's extremes carry NaN along, and need no array of flags as long as the parameters.
+        good = bool(parameters.min() >= 0 and parameters.max() <= 1)
+    if good:
         return
     array = np.asarray(parameters)
     worst = array[~((array >= 0) & (array <= 1))][0]
@@ -57,11 +61,10 @@ def require_inside(parameters: Float[np.ndarray, "m 2"] | Float[Array, "m 2"]) -
 
 def refuse_traced(parameters: Array) -> Array:
     """The same while a function is being transformed: an error when it runs."""
-    outside = jnp.any(~((parameters >= 0) & (parameters <= 1)))
-    return eqx.error_if(parameters, outside, f"{RULE} and are not NaN; clip them or use TSpline.at")
+    return eqx.error_if(parameters, ~_all_inside(parameters), f"{RULE} and are not NaN; clip them or use TSpline.at")
 
 
 @jax.jit
-def _extremes(parameters: Array) -> tuple[Array, Array]:
-    """The least and the greatest parameter, NaN where there is one, without leaving the device."""
-    return jnp.min(parameters), jnp.max(parameters)
+def _all_inside(parameters: Array) -> Array:
+    """Whether all parameters are in [0, 1]², without leaving the device."""
+    return jnp.all((parameters >= 0) & (parameters <= 1))
