@@ -3,6 +3,7 @@
 from ._bernstein import (
     bernstein as bernstein,
     bernstein6 as bernstein6,
+    bernstein_terms as bernstein_terms,
     blossom_weights as blossom_weights,
     gram as gram,
     product_weights as product_weights,

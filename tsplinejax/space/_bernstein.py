@@ -19,6 +19,15 @@ def bernstein(u: Float[Array, "*shape"], order: int = 0) -> Float[Array, "*shape
     >>> bernstein(jnp.asarray(0.5)).tolist()
     [0.125, 0.375, 0.375, 0.125]
     """
+    return jnp.stack(bernstein_terms(u, order), axis=-1)
+
+
+def bernstein_terms(u: Float[Array, "*shape"], order: int = 0) -> list[Float[Array, "*shape"]]:
+    """The same one by one: sums over separate arrays fuse into one loop, which products of stacks do not.
+
+    >>> [float(term) for term in bernstein_terms(jnp.asarray(0.5), 1)]
+    [-0.75, -0.75, 0.75, 0.75]
+    """
     v = 1 - u
     lower = (
         [u * 0 + 1],
@@ -27,12 +36,12 @@ def bernstein(u: Float[Array, "*shape"], order: int = 0) -> Float[Array, "*shape
         [v * v * v, 3 * u * v * v, 3 * u * u * v, u * u * u],
     )
     if order > 3:
-        return jnp.zeros((*u.shape, 4), u.dtype)
+        return [jnp.zeros_like(u)] * 4
     values = lower[3 - order]
     for degree in range(4 - order, 4):  # (B^p_a)' = p (B^(p-1)_(a-1) - B^(p-1)_a)
         padded = [0 * u, *values, 0 * u]
         values = [degree * (left - right) for left, right in pairwise(padded)]
-    return jnp.stack(values, axis=-1)
+    return values
 
 
 def bernstein6(u: Float[Array, "*shape"]) -> Float[Array, "*shape 7"]:

@@ -13,7 +13,8 @@ from jaxtyping import Array, Float, Int
 from .._errors import InputError
 from ..mesh import TMesh
 from ..space import BezierElements, bezier_elements, blossom_weights, spline_space, to_device
-from ._tspline import TSpline, bezier_points
+from ._evaluate import bezier_points
+from ._tspline import TSpline
 
 
 def transfer(surface: TSpline, tmesh: TMesh) -> TSpline:

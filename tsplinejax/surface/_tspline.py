@@ -1,21 +1,20 @@
 """The T-spline surface of Eq. 2: values and derivatives at parameters, as a pytree.
 
 A surface is a spline space, one control point a blending function, and the frame that says where its parameters lie in
-space. Evaluation contracts the control points to 4 × 4 Bézier points an element, then multiplies Bernstein polynomials;
-derivatives are exact, from differentiated Bernstein polynomials and, for rational surfaces, the quotient rule.
+space. Derivatives are exact, from differentiated Bernstein polynomials and, for rational surfaces, the quotient rule.
 """
-
-from math import comb
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from .._errors import InputError
 from ..data import Frame
-from ..space import ElementTables, SplineSpace, bernstein
+from ..space import SplineSpace
+from ._evaluate import Query, evaluate, on_host
+from ._parameters import real_array, rows_of_two
 
 
 class TSpline(eqx.Module):
@@ -77,10 +76,8 @@ class TSpline(eqx.Module):
         """
         if len(order) != 2 or not all(isinstance(k, int) and 0 <= k <= 3 for k in order):
             raise InputError(f"a derivative's order is two whole numbers from 0 to 3; received {order!r}; try (1, 0)")
-        array = check_parameters(parameters, self.space.dtype)
-        single = array.ndim == 1
-        values = _derivative(self, jnp.atleast_2d(array), (order[0], order[1]))
-        return values[0] if single else values
+        query = Query((order[0], order[1]), self.space.rational)
+        return evaluate(self.space, self.control_points, self._place, rows_of_two(parameters), query)
 
     def at(
         self, x: Float[ArrayLike, "*shape"], y: Float[ArrayLike, "*shape"], *, extrapolate: bool = False
@@ -93,13 +90,13 @@ class TSpline(eqx.Module):
             raise InputError(
                 "only height maps are evaluated at (x, y); this surface has points in space; use parameters"
             )
-        x, y = jnp.broadcast_arrays(jnp.asarray(x, self.space.dtype), jnp.asarray(y, self.space.dtype))
-        parameters = (jnp.stack([x, y], axis=-1) - self.origin) / self.extent
-        # Round-off of places far from zero must not push a border sample outside.
-        slack = 64 * jnp.finfo(parameters.dtype).eps * (1 + jnp.abs(self.origin) / self.extent)
-        inside = jnp.all((parameters >= -slack) & (parameters <= 1 + slack), axis=-1)
-        values = _derivative(self, jnp.clip(parameters, 0, 1).reshape(-1, 2), (0, 0)).reshape(x.shape)
-        return values if extrapolate else jnp.where(inside, values, jnp.nan)
+        query = Query((0, 0), self.space.rational, "hold" if extrapolate else "nan")
+        return evaluate(self.space, self.control_points, self._place, _pairs(x, y, self.space), query)
+
+    @property
+    def _place(self) -> tuple[Array, Array]:
+        """Origin and extent."""
+        return self.origin, self.extent
 
 
 def make_surface(space: SplineSpace, control_points: ArrayLike, frame: Frame | None = None) -> TSpline:
@@ -131,67 +128,19 @@ def make_surface(space: SplineSpace, control_points: ArrayLike, frame: Frame | N
     )
 
 
-def check_parameters(parameters: ArrayLike, dtype: np.dtype) -> Array:
-    """Parameters as a device array, refused outside [0, 1]²."""
-    if isinstance(parameters, Tracer):
-        traced = jnp.asarray(parameters, dtype)
-        _check_shape(traced.shape)
-        outside = jnp.any(~((traced >= 0) & (traced <= 1)))
-        return eqx.error_if(traced, outside, "parameters lie in [0, 1]²; clip them or use TSpline.at")
-    array = np.asarray(parameters, dtype)
-    _check_shape(array.shape)
-    if not ((array >= 0) & (array <= 1)).all():
-        worst = array[~((array >= 0) & (array <= 1))][0]
-        raise InputError(f"parameters lie in [0, 1]²; received {worst:g}; clip them, or use TSpline.at for NaN outside")
-    return jnp.asarray(parameters, dtype)
-
-
-def _check_shape(shape: tuple[int, ...]) -> None:
-    """Raise unless parameters come in rows of two."""
-    if len(shape) not in (1, 2) or shape[-1] != 2:
-        raise InputError(f"parameters have shape (m, 2) or (2,); received {shape}; stack s and t as columns")
-
-
-def bezier_points(
-    tables: ElementTables, coefficients: Float[Array, "n d"], elements: Int[Array, " chosen"] | None = None
-) -> Float[Array, "chosen 4 4 d"]:
-    """Bézier points of every element, or of the chosen ones."""
-    parts = (tables.functions, tables.along_s, tables.along_t)
-    functions, along_s, along_t = parts if elements is None else (part[elements] for part in parts)
-    return jnp.einsum("eka,ekb,ekd->eabd", along_s, along_t, coefficients[functions], precision="highest")
-
-
-@eqx.filter_jit
-def _derivative(surface: TSpline, parameters: Array, order: tuple[int, int]) -> Array:
-    """The partial derivative at parameters (m, 2), in one dispatch."""
-    space = surface.space
-    coefficients = surface.control_points.reshape(surface.control_points.shape[0], -1)
-    if space.rational:
-        coefficients = jnp.concatenate([coefficients, jnp.ones_like(coefficients[:, :1])], axis=1)
-    element = space.locator(parameters)
-    if 4 * parameters.shape[0] < space.tables.functions.shape[0]:
-        points = bezier_points(space.tables, coefficients, element)
-    else:
-        points = bezier_points(space.tables, coefficients)[element]
-    size = space.tables.size[element]
-    local = (parameters - space.tables.corner[element]) / size
-
-    def polynomial(orders: tuple[int, int]) -> Array:
-        along_s, along_t = (bernstein(local[:, k], orders[k]) / size[:, k, None] ** orders[k] for k in range(2))
-        return jnp.einsum("ma,mb,mabd->md", along_s, along_t, points)
-
-    values = _quotient(polynomial, order) if space.rational else polynomial(order)
-    return values[:, 0] if surface.is_height_map else values
-
-
-def _quotient(polynomial, order: tuple[int, int]) -> Array:
-    """Derivative of numerator over denominator, by Leibniz' rule on f · w = p."""
-    known: dict[tuple[int, int], Array] = {}
-    raw = {(i, j): polynomial((i, j)) for i in range(order[0] + 1) for j in range(order[1] + 1)}
-    for (i, j), value in raw.items():
-        rest = value[:, :-1]
-        for (k, m), earlier in known.items():
-            if k <= i and m <= j:
-                rest = rest - comb(i, k) * comb(j, m) * raw[i - k, j - m][:, -1:] * earlier
-        known[i, j] = rest / raw[0, 0][:, -1:]
-    return known[order]
+def _pairs(x: ArrayLike, y: ArrayLike, space: SplineSpace) -> np.ndarray | Array:
+    """Places (*shape, 2), put together where they are."""
+    columns = [real_array(values, "places x and y") for values in (x, y)]
+    try:
+        shape = np.broadcast_shapes(*(column.shape for column in columns))
+    except ValueError as error:
+        raise InputError(
+            f"places x and y have one shape, or shapes that broadcast; received {columns[0].shape} and "
+            f"{columns[1].shape}; for all pairs of two axes pass x[None, :] and y[:, None]"
+        ) from error
+    apart = any(isinstance(column, Tracer) or not on_host(space) for column in columns)
+    if apart:
+        return jnp.stack([jnp.broadcast_to(jnp.asarray(column, space.dtype), shape) for column in columns], axis=-1)
+    places = np.empty((*shape, 2), space.dtype)
+    places[..., 0], places[..., 1] = columns
+    return places
