@@ -115,7 +115,7 @@ def make_case(
     values = np.sin(parameters @ phases.T) + 0.1 * generator.normal(size=(len(parameters), dimension))
     weights = generator.uniform(0.2, 2.0, len(parameters))
     weights[::17] = 0
-    options = {"dtype": np.dtype(np.float64), "tile_length": tile}
+    options = {"dtype": np.dtype(np.float64), "tile": tile}
     if grid is None:
         samples = scattered_samples(tmesh, parameters, values, weights, None, **options)
     else:

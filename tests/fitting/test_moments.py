@@ -54,7 +54,7 @@ def test_any_tiling_adds_up(tile, grid):
 def test_pixels_are_samples(hole):
     """The pixels of a grid give the same moments, counts, places and residual order as the same samples scattered."""
     case = make_case(refined(), grid=(33, 27), hole=hole)
-    options = {"dtype": np.dtype(np.float64), "tile_length": 64}
+    options = {"dtype": np.dtype(np.float64), "tile": 64}
     scattered = scattered_samples(case.tmesh, case.parameters, case.values, case.weights, None, **options)
     every, store = np.arange(len(case.mesh.slots)), case.store()
     found = []
@@ -73,7 +73,7 @@ def test_variances_are_summed():
     """An element's variance is the sum over its samples of a weight above zero."""
     case = make_case(refined(), grid=(33, 27))
     variance = np.random.default_rng(1).random(len(case.values))
-    options = {"dtype": np.dtype(np.float64), "tile_length": 64}
+    options = {"dtype": np.dtype(np.float64), "tile": 64}
     samples = grid_samples(case.tmesh, (33, 27), None, case.values, case.weights, variance, **options)
     every, store = np.arange(len(case.mesh.slots)), case.store()
     blocks = samples.blocks(case.mesh.elements, every, case.mesh.slots)
@@ -87,7 +87,5 @@ def test_places_are_counted():
     tmesh = refine(refined(steps=0), np.ones(6, bool)).mesh
     low = tmesh.element_boxes[:, :2]
     parameters = np.concatenate([low[:3] + 0.01, low[:3] + 0.01, low[:1] + 0.02])
-    samples = scattered_samples(
-        tmesh, parameters, np.ones((7, 1)), None, None, dtype=np.dtype(np.float64), tile_length=1
-    )
+    samples = scattered_samples(tmesh, parameters, np.ones((7, 1)), None, None, dtype=np.dtype(np.float64), tile=1)
     assert samples.places_in(tmesh).tolist() == [2, 1, 1, *[0] * (tmesh.n_elements - 3)]

@@ -7,6 +7,7 @@ from ._noise import (
     NoiseEstimate as NoiseEstimate,
     estimate_noise as estimate_noise,
     noise_deviation as noise_deviation,
+    quick_noise as quick_noise,
 )
 from ._outliers import find_outliers as find_outliers
 from ._point_cloud import PointCloud as PointCloud

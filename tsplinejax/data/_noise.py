@@ -16,15 +16,16 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
-from scipy.spatial import KDTree
 
 from ._as_data import as_data
 from ._height_map import HeightMap
+from ._point_cloud import PointCloud
 from ._rounding import height_step
 from ._samples import Samples
 
 _BLOCK = 16
+# Pixels that a quick estimate looks at, in bands of this many rows.
+_ENOUGH, _BAND = 1 << 16, 32
 _STRIDES = (1, 2, 4, 8)
 _SMOOTH = 1e-4  # of the range: below it at every stride the map is taken to be smooth
 _ALL = 0.7  # of the data's own deviation: above it there is nothing but "noise"
@@ -102,6 +103,20 @@ def estimate_noise(data: Any) -> NoiseEstimate:
         return _of_grid(samples.scatter(samples.values[:, 0].astype(np.float64)), spacing)
     places = samples.frame.xy_of(samples.parameters)
     return NoiseEstimate(_of_scattered(places, samples.values[:, -1].astype(np.float64)))
+
+
+def quick_noise(data: HeightMap | PointCloud | Samples) -> float:
+    """The noise's standard deviation, on a large map from a part of its rows: enough to warn by.
+
+    >>> quick_noise(HeightMap(np.random.default_rng(0).normal(size=(1000, 300)))) > 0.9
+    True
+    """
+    if not isinstance(data, HeightMap) or data.heights.size <= 2 * _ENOUGH or len(data.heights) < 4 * _BAND:
+        return estimate_noise(data).sigma
+    count = int(np.clip(_ENOUGH // (_BAND * data.heights.shape[1]), 1, len(data.heights) // _BAND))
+    first = np.linspace(0, len(data.heights) - _BAND, count).astype(int)
+    bands = np.concatenate([data.heights[row : row + _BAND] for row in first]).astype(np.float64)
+    return _of_grid(bands, data.spacing).sigma if np.isfinite(bands).any() else 0.0
 
 
 def noise_deviation(estimate: NoiseEstimate, samples: Samples) -> Float[np.ndarray, " m"]:
@@ -193,6 +208,8 @@ def _lags(strides: np.ndarray) -> np.ndarray:
 
 def _smooth_slope(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:
     """Slope of the heights smoothed over two pixels, missing ones left out."""
+    from scipy import ndimage
+
     known = np.isfinite(heights)
     weight = ndimage.gaussian_filter(known.astype(float), 2.0)
     smooth = ndimage.gaussian_filter(np.where(known, heights, 0.0), 2.0) / np.maximum(weight, 1e-12)
@@ -224,6 +241,8 @@ def _of_scattered(places: Float[np.ndarray, "m 2"], values: Float[np.ndarray, " 
     """Robust standard deviation from the planes of nearest neighbours."""
     if len(values) < 2 * _NEAREST:
         return 0.0
+    from scipy.spatial import KDTree
+
     chosen = np.arange(0, len(values), max(1, len(values) // _PROBES))
     _, near = KDTree(places).query(places[chosen], k=_NEAREST)
     offsets = places[near] - places[chosen][:, None]

@@ -14,11 +14,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..space import to_device
 from ._samples import AbstractSamples, Blocks
-from ._tiles import AbstractTile
+from ._tiles import AbstractDeviceSamples, AbstractTile, BlockList, over_tiles
 
 
 class Moments(eqx.Module):
@@ -56,39 +57,48 @@ def add_samples(
     `sums` holds the Bézier points of Σb where the surface is rational.
     """
     parts = []
-    for tile, slot in samples.tiles(blocks, boxes, lattice):
-        part, counts = _tile_moments(tile, None if sums is None else gather_pieces(sums, slot))
-        moments = _add_blocks(moments, part, slot)
-        parts.append(counts)
-    n = len(blocks.slot)
-    host = jax.device_get(parts)
-    columns = [np.concatenate(column)[:n] for column in zip(*host, strict=True)] if host else [np.zeros(0)] * 2
-    return moments, Counts(*(blocks.reduce(np.add, column.astype(np.float64), n_chosen) for column in columns))
+    for batch in samples.batches(blocks):
+        moments, counts = _add_batch(moments, batch.samples, batch.listed, boxes, lattice, sums)
+        parts.append((batch.places, counts))
+    counts = gather_parts(parts, len(blocks.slot), 2)
+    return moments, Counts(*(blocks.reduce(np.add, column, n_chosen) for column in counts))
 
 
-@jax.jit
-def _tile_moments(tile: AbstractTile, sums: Array | None) -> tuple[Moments, tuple[Array, Array]]:
-    """Moments, counts and variances of every block of a tile.
-
-    Shapes are the tile's, whatever the mesh: the larger kernels compile once.
-    """
-    weights, values = tile.weights, tile.values
-    if sums is not None:
-        total = jnp.where(weights > 0, tile.evaluate(sums)[..., 0], 1)
-        weights, values = weights / total**2, values * total[..., None]
-    variance = jnp.zeros_like(weights) if tile.variance is None else tile.variance
-    real = tile.weights > 0
-    counts = (jnp.sum(real, axis=1).astype(jnp.int32), jnp.sum(jnp.where(real, variance, 0), axis=1))
-    return Moments(*tile.sums(weights, values)), counts
-
-
-@jax.jit
-def gather_pieces(points: Float[Array, "capacity 4 4 c"], slot: Array) -> Float[Array, "blocks 4 4 c"]:
-    """Bézier points of the elements of a tile's blocks."""
-    return points[slot]
+def gather_parts(parts: list[tuple[slice, tuple[Array, ...]]], n: int, width: int) -> list[np.ndarray]:
+    """Numbers a block, brought to the host: `width` columns of n."""
+    columns = [np.zeros(n) for _ in range(width)]
+    for places, part in parts:
+        for column, values in zip(columns, jax.device_get(part), strict=True):
+            column[places] = values[: places.stop - places.start]
+    return columns
 
 
 @partial(jax.jit, donate_argnums=0)
-def _add_blocks(moments: Moments, blocks: Moments, slot: Array) -> Moments:
-    """Add the moments of blocks to those of their elements."""
-    return Moments(moments.mass.at[slot].add(blocks.mass), moments.load.at[slot].add(blocks.load))
+def _add_batch(
+    moments: Moments,
+    samples: AbstractDeviceSamples,
+    listed: BlockList,
+    boxes: Array,
+    lattice: Array,
+    sums: Float[Array, "capacity 4 4 1"] | None,
+) -> tuple[Moments, tuple[Array, Array]]:
+    """Moments with those of the listed blocks added, and the blocks' counts and variances."""
+    dtype = moments.mass.dtype
+
+    def turn(tile: AbstractTile, slot: Array, first: Array, carry: tuple[Moments, Array, Array]):
+        total, counts, variances = carry
+        weights, values = tile.weights, tile.values
+        if sums is not None:
+            divisor = jnp.where(weights > 0, tile.evaluate(sums[slot])[..., 0], 1)
+            weights, values = weights / divisor**2, values * divisor[..., None]
+        mass, load = tile.sums(weights, values)
+        variance = jnp.zeros_like(weights) if tile.variance is None else tile.variance
+        real = tile.weights > 0
+        counts = lax.dynamic_update_slice_in_dim(counts, jnp.sum(real, axis=1, dtype=dtype), first, 0)
+        summed = jnp.sum(jnp.where(real, variance, 0), axis=1)
+        variances = lax.dynamic_update_slice_in_dim(variances, summed, first, 0)
+        return Moments(total.mass.at[slot].add(mass), total.load.at[slot].add(load)), counts, variances
+
+    zeros = jnp.zeros(len(listed.slot), dtype)
+    moments, counts, variances = over_tiles(samples, listed, boxes, lattice, turn, (moments, zeros, zeros))
+    return moments, (counts, variances)

@@ -6,7 +6,17 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool
 
 from .._errors import InputError
-from ..data import HeightMap, NoiseEstimate, PointCloud, Samples, as_data, estimate_noise, find_outliers, parse_length
+from ..data import (
+    HeightMap,
+    NoiseEstimate,
+    PointCloud,
+    Samples,
+    as_data,
+    estimate_noise,
+    find_outliers,
+    parse_length,
+    quick_noise,
+)
 
 Length = float | str
 
@@ -74,7 +84,7 @@ def read_request(
         warnings.append(
             f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface"
         )
-    sigma = estimate_noise(source).sigma if samples.dimension == 1 else 0.0
+    sigma = quick_noise(source) if samples.dimension == 1 else 0.0
     if limit < sigma:
         warnings.append(
             f"the tolerance {limit:.4g} is below the estimated noise {sigma:.4g}: the fit will follow the noise; "

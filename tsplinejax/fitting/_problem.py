@@ -123,9 +123,9 @@ class Problem:
         return next((capacity for limit, capacity in sizes if self.n_samples < limit), 65536)
 
 
-def tile_length(n_samples: int) -> int:
+def tile_of(n_samples: int) -> int:
     """Blocks of sixteen samples in a tile: a power of two that suits the number of samples and the device."""
-    largest = 2048 if jax.default_backend() == "cpu" else 65536
+    largest = 1024 if jax.default_backend() == "cpu" else 65536
     return int(np.clip(2 ** np.ceil(np.log2(n_samples / LANES + 1)), 64, largest))
 
 
@@ -200,12 +200,12 @@ def prepare_samples(
         weights = np.where(counted, 1.0 if data.weights is None else data.weights, 0.0)
     variance = None if request.noise is None else noise_variance(request.noise, data, scaling.factor)
     values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
-    length = tile_length(len(data))
+    length = tile_of(len(data))
     shape = data.grid_shape
     if shape is None or not _on_grid(data, shape):
-        return scattered_samples(start, data.parameters, values, weights, variance, dtype=dtype, tile_length=length)
+        return scattered_samples(start, data.parameters, values, weights, variance, dtype=dtype, tile=length)
     index = None if len(data) == shape[0] * shape[1] else data.grid_index
-    return grid_samples(start, shape, index, values, weights, variance, dtype=dtype, tile_length=length)
+    return grid_samples(start, shape, index, values, weights, variance, dtype=dtype, tile=length)
 
 
 def _on_grid(data: Samples, shape: tuple[int, int]) -> bool:

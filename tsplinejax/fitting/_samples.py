@@ -10,14 +10,18 @@ Two kinds of samples hand them over:
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..mesh import DEPTH, TMesh
 from ..space import BezierElements, pad, to_device
-from ._tiles import LANES, SIDE, AbstractTile, DeviceSamples, pixel_tile, point_tile
+from ._tiles import LANES, SIDE, AbstractDeviceSamples, BlockList, DevicePixels, DevicePoints
+
+TILES = 16  # in a list of blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +48,14 @@ class Blocks:
             result[self.owner[first]] = operation.reduceat(per_block, first)
         return result
 
-    def tiles(self, length: int) -> Iterator[tuple[Array, Array]]:
-        """Fields and slots in tiles of a fixed number of blocks, the last one padded with empty blocks."""
-        for first in range(0, len(self.slot), length):
-            part = slice(first, first + length)
-            yield to_device(pad(self.fields[part], length, 0)), to_device(pad(self.slot[part], length, 0))
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A list of blocks on the device, with the samples it refers to, and its blocks' places among all blocks."""
+
+    samples: AbstractDeviceSamples
+    listed: BlockList
+    places: slice
 
 
 class AbstractSamples(ABC):
@@ -56,18 +63,18 @@ class AbstractSamples(ABC):
 
     **Attributes:**
 
-    - `tile_length`: blocks in a tile.
+    - `tile`: blocks in a tile.
     """
 
-    tile_length: int
+    tile: int
 
     @abstractmethod
     def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
         """Blocks of the samples in the chosen Bézier elements, whose device slots are `slots`."""
 
     @abstractmethod
-    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
-        """The samples of the blocks on the device, tile by tile, with each block's slot."""
+    def batches(self, blocks: Blocks) -> Iterator[Batch]:
+        """The blocks on the device, in lists of a fixed length."""
 
     @abstractmethod
     def places_in(self, tmesh: TMesh) -> Int[np.ndarray, " elements"]:
@@ -94,8 +101,8 @@ class ScatteredSamples(AbstractSamples):
 
     codes: Int[np.ndarray, " m"]
     permutation: Int[np.ndarray, " m"]
-    device: DeviceSamples
-    tile_length: int
+    device: DevicePoints
+    tile: int
 
     def _ranges(self, codes: np.ndarray) -> np.ndarray:
         """First sample of each cell of a sorted forest and, last, the number of samples."""
@@ -112,10 +119,9 @@ class ScatteredSamples(AbstractSamples):
         fields = np.stack([start, count, start, count], axis=1).astype(np.int32)
         return Blocks(fields, slots[owner].astype(np.int32), owner)
 
-    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
-        """Gather each tile."""
-        for fields, slot in blocks.tiles(self.tile_length):
-            yield point_tile(self.device, fields, slot, boxes, lattice), slot
+    def batches(self, blocks: Blocks) -> Iterator[Batch]:
+        """Consecutive blocks."""
+        return _consecutive(self.device, blocks, self.tile)
 
     def places_in(self, tmesh: TMesh) -> np.ndarray:
         """Two where the first and the last sample of an element differ in their code."""
@@ -135,10 +141,9 @@ class ScatteredSamples(AbstractSamples):
 
     def with_values(self, values: np.ndarray) -> "ScatteredSamples":
         """Sorted and padded like the first ones."""
-        dtype, length = np.dtype(self.device.values.dtype), len(self.device.values)
-        column = to_device(pad(values[self.permutation].astype(dtype), length, 0))
-        device = DeviceSamples(self.device.parameters, column, self.device.weights, None)
-        return ScatteredSamples(self.codes, self.permutation, device, self.tile_length)
+        held = self.device.values
+        column = to_device(pad(values[self.permutation].astype(held.dtype), len(held), 0))
+        return replace(self, device=_with_values(self.device, column))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +160,8 @@ class GridSamples(AbstractSamples):
     columns: Int[np.ndarray, " columns"]
     rows: Int[np.ndarray, " rows"]
     index: Int[np.ndarray, " m"] | None
-    device: DeviceSamples
-    tile_length: int
+    device: DevicePixels
+    tile: int
 
     def _rectangles(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First pixel column and row of index boxes, and the numbers of columns and rows: (boxes, 2) each."""
@@ -176,10 +181,9 @@ class GridSamples(AbstractSamples):
         fields = np.concatenate([first[owner] + offset, size], axis=1).astype(np.int32)
         return Blocks(fields, slots[owner].astype(np.int32), owner)
 
-    def tiles(self, blocks: Blocks, boxes: Array, lattice: Array) -> Iterator[tuple[AbstractTile, Array]]:
-        """Gather each tile."""
-        for fields, slot in blocks.tiles(self.tile_length):
-            yield pixel_tile(self.device, fields, slot, boxes, lattice), slot
+    def batches(self, blocks: Blocks) -> Iterator[Batch]:
+        """Consecutive blocks."""
+        return _consecutive(self.device, blocks, self.tile)
 
     def places_in(self, tmesh: TMesh) -> np.ndarray:
         """Pixels in each element; missing ones are counted by a summed-area table."""
@@ -209,10 +213,28 @@ class GridSamples(AbstractSamples):
 
     def with_values(self, values: np.ndarray) -> "GridSamples":
         """Spread over the grid like the first ones."""
-        device = self.device
-        column = _spread(values, self.index, len(device.values), np.dtype(device.values.dtype))
-        replaced = DeviceSamples(device.parameters, column, device.weights, None)
-        return GridSamples(self.columns, self.rows, self.index, replaced, self.tile_length)
+        held = self.device.values
+        column = _spread(values, self.index, len(held), np.dtype(held.dtype))
+        return replace(self, device=_with_values(self.device, column))
+
+
+DeviceKind = TypeVar("DeviceKind", bound=AbstractDeviceSamples)
+
+
+def _with_values(samples: DeviceKind, values: Array) -> DeviceKind:
+    """Other values at the same samples, without variances."""
+    return eqx.tree_at(lambda s: (s.values, s.variance), samples, (values, None), is_leaf=lambda leaf: leaf is None)
+
+
+def _consecutive(samples: AbstractDeviceSamples, blocks: Blocks, tile: int) -> Iterator[Batch]:
+    """Blocks in their order, `TILES` tiles at a time."""
+    length = TILES * tile
+    for first in range(0, len(blocks.slot), length):
+        places = slice(first, min(first + length, len(blocks.slot)))
+        parts = (pad(part[places], length, 0) for part in (blocks.fields, blocks.slot))
+        count = to_device(places.stop - first, np.int32)
+        fields, slot = (to_device(part) for part in parts)
+        yield Batch(samples, BlockList(fields, slot, count, tile), places)
 
 
 def _expand(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -260,7 +282,7 @@ def scattered_samples(
     variance: np.ndarray | None,
     *,
     dtype: np.dtype,
-    tile_length: int,
+    tile: int,
 ) -> ScatteredSamples:
     """Sort scattered samples and put them on the device."""
     codes, permutation = sample_order(tmesh, parameters)
@@ -269,13 +291,13 @@ def scattered_samples(
     def put(part: np.ndarray) -> Array:
         return to_device(pad(part[permutation].astype(dtype), length, 0))
 
-    device = DeviceSamples(
-        put(parameters),
-        put(values),
-        None if weights is None else put(weights),
-        None if variance is None else put(variance),
+    device = DevicePoints(
+        parameters=put(parameters),
+        values=put(values),
+        weights=None if weights is None else put(weights),
+        variance=None if variance is None else put(variance),
     )
-    return ScatteredSamples(codes, permutation, device, tile_length)
+    return ScatteredSamples(codes, permutation, device, tile)
 
 
 def grid_samples(
@@ -287,7 +309,7 @@ def grid_samples(
     variance: np.ndarray | None,
     *,
     dtype: np.dtype,
-    tile_length: int,
+    tile: int,
 ) -> GridSamples:
     """Put the pixels of a height map on the device; `index` names those that are samples, if not all are."""
     assert tmesh.forest is not None
@@ -298,12 +320,13 @@ def grid_samples(
     def put(part: np.ndarray) -> Array:
         return _spread(part, index, length, dtype)
 
-    size = to_device(np.array([shape[1], shape[0]], np.int32))
-    device = DeviceSamples(
-        size,
-        put(values),
-        None if weights is None else put(weights),
-        None if variance is None else put(variance),
+    device = DevicePixels(
+        shape=to_device(np.array([shape[1], shape[0]], np.int32)),
+        origin=to_device(np.zeros(2, np.int32)),
+        stride=to_device(shape[1], np.int32),
+        values=put(values),
+        weights=None if weights is None else put(weights),
+        variance=None if variance is None else put(variance),
     )
     columns = grid_lines(shape[1], tmesh.forest.lattice[0])
-    return GridSamples(columns, grid_lines(shape[0], tmesh.forest.lattice[1]), index, device, tile_length)
+    return GridSamples(columns, grid_lines(shape[0], tmesh.forest.lattice[1]), index, device, tile)

@@ -112,10 +112,11 @@ def _products(system: System, rows: Array, real: Array, x: Array) -> Float[Array
 
 def _first_pass(system: System, chosen: Chosen, x: Array) -> tuple[Array, Array, Array]:
     """Diagonal, right-hand side, and matrix times x, of the chosen elements."""
+    own = jnp.arange(system.functions.shape[1])
 
     def turn(rows: Array, real: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         functions = jnp.maximum(system.functions[rows], 0)
-        squares = jnp.where(real[:, None], jnp.diagonal(system.matrices[rows], axis1=1, axis2=2), 0)
+        squares = jnp.where(real[:, None], system.matrices[rows[:, None], own, own], 0)
         loads = jnp.where(real[:, None, None], system.loads[rows], 0)
         products = _products(system, rows, real, x)
         diagonal, load, product = carry

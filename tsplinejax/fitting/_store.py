@@ -23,11 +23,9 @@ from ._discretisation import Discretisation
 from ._energy import piece_energies
 from ._moments import Moments, empty_moments
 from ._system import System, element_matrices
-from ._tiles import add_up
+from ._tiles import Carry, add_up, in_turns
 
 CHUNK = 1024  # rows in a turn of a kernel's loop
-
-Carry = TypeVar("Carry")
 
 
 class Chosen(eqx.Module):
@@ -129,11 +127,11 @@ def over(chosen: Chosen, turn: Callable[[Array, Array, Carry], Carry], carry: Ca
     """Run `turn(rows, real, carry)` over the chosen rows, a chunk at a time; padded entries are not `real`."""
     length = min(CHUNK, chosen.rows.shape[0])
 
-    def body(k: Array, carry: Carry) -> Carry:
-        rows = lax.dynamic_slice_in_dim(chosen.rows, k * length, length)
-        return turn(rows, k * length + jnp.arange(length) < chosen.count, carry)
+    def body(first: Array, carry: Carry) -> Carry:
+        rows = lax.dynamic_slice_in_dim(chosen.rows, first, length)
+        return turn(rows, first + jnp.arange(length) < chosen.count, carry)
 
-    return lax.fori_loop(0, (chosen.count + length - 1) // length, body, carry)
+    return in_turns(chosen.count, length, body, carry)
 
 
 def _put(store: Array, rows: Array, real: Bool[Array, " chunk"], values: Array) -> Array:

@@ -1,24 +1,28 @@
 """Tiles: samples on their way through the device, sixteen lanes a block, each block inside one Bézier element.
 
-Kernels over samples receive tiles of a fixed number of blocks, whatever the mesh, so they compile once. Sums over the
-lanes are written out: small products that a compiler fuses, where batched matrix products of this size run slowly.
+Kernels over samples receive lists of blocks of a fixed length and run over them tile by tile, as many as there are, so
+that they compile once. Sums over the lanes are written out: small products that a compiler fuses, where batched matrix
+products of this size run slowly.
 """
 
 import operator
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import reduce
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..mesh import DEPTH
 from ..space import bernstein, bernstein6
 
 SIDE = 4  # pixels along a side of a grid's block
 LANES = SIDE * SIDE
+
+Carry = TypeVar("Carry")
 
 barrier = jax.lax.optimization_barrier
 
@@ -115,46 +119,74 @@ def _separable(
     return add_up(rows[:, :, i, None] * along_t[:, None, :, i] for i in range(SIDE))
 
 
-class DeviceSamples(eqx.Module):
-    """Values, weights and noise variances (times weights) on the device, padded; `None` stands for all one, or none.
+class AbstractDeviceSamples(eqx.Module):
+    """Values, weights and noise variances (times weights) on the device, padded; `None` stands for all one, or none."""
 
-    `parameters` are those of scattered samples, or the number of columns and rows of a grid.
-    """
+    values: eqx.AbstractVar[Float[Array, "padded d"]]
+    weights: eqx.AbstractVar[Float[Array, " padded"] | None]
+    variance: eqx.AbstractVar[Float[Array, " padded"] | None]
 
-    parameters: Array
+    @abstractmethod
+    def tile(
+        self, fields: Int[Array, "blocks 4"], slot: Int[Array, " blocks"], boxes: Array, lattice: Array
+    ) -> AbstractTile:
+        """The samples of these blocks, whose elements' index boxes are `boxes[slot]` over a lattice of squares."""
+
+    def lanes(self, index: Array, real: Array) -> tuple[Array, Array, Array | None]:
+        """Values, weights (zero where not real) and variances at these places."""
+        weights = real.astype(self.values.dtype)
+        if self.weights is not None:
+            weights = jnp.where(real, self.weights[index], 0)
+        variance = None if self.variance is None else jnp.where(real, self.variance[index], 0)
+        return self.values[index], weights, variance
+
+
+class DevicePoints(AbstractDeviceSamples):
+    """Scattered samples; a block's fields are its first sample and their number."""
+
+    parameters: Float[Array, "padded 2"]
     values: Float[Array, "padded d"]
     weights: Float[Array, " padded"] | None
     variance: Float[Array, " padded"] | None
 
-
-@jax.jit
-def point_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PointTile:
-    """Fetch the samples of a tile of runs."""
-    lanes = jnp.arange(LANES)
-    index, real = fields[:, 0, None] + lanes, lanes < fields[:, 1, None]
-    places = samples.parameters[index]
-    u, v = (jnp.where(real, _local(places[..., k], slot, boxes, lattice, k), 0) for k in range(2))
-    weights = _weights(samples, index, real)
-    variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
-    return PointTile(u=u, v=v, values=samples.values[index], weights=weights, variance=variance)
+    def tile(self, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PointTile:
+        """Runs of samples."""
+        lanes = jnp.arange(LANES)
+        index, real = fields[:, 0, None] + lanes, lanes < fields[:, 1, None]
+        places = self.parameters[index]
+        u, v = (jnp.where(real, _local(places[..., k], slot, boxes, lattice, k), 0) for k in range(2))
+        values, weights, variance = self.lanes(index, real)
+        return PointTile(u=u, v=v, values=values, weights=weights, variance=variance)
 
 
-@jax.jit
-def pixel_tile(samples: DeviceSamples, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PixelTile:
-    """Fetch the pixels of a tile of squares; lanes beyond a square's edge repeat its last pixel."""
-    lanes = jnp.arange(SIDE)
-    column, row = (fields[:, k, None] + jnp.clip(lanes, 0, jnp.maximum(fields[:, k + 2, None] - 1, 0)) for k in (0, 1))
-    inside = (lanes < fields[:, 3, None])[:, :, None] & (lanes < fields[:, 2, None])[:, None]
-    index = (row[:, :, None] * samples.parameters[0] + column[:, None]).reshape(-1, LANES)
-    last = jnp.maximum(samples.parameters - 1, 1).astype(samples.values.dtype)
-    u, v = (
-        _local(place.astype(samples.values.dtype) / last[k], slot, boxes, lattice, k)
-        for k, place in enumerate((column, row))
-    )
-    real = inside.reshape(-1, LANES)
-    variance = None if samples.variance is None else jnp.where(real, samples.variance[index], 0)
-    weights = _weights(samples, index, real)
-    return PixelTile(u=u, v=v, values=samples.values[index], weights=weights, variance=variance)
+class DevicePixels(AbstractDeviceSamples):
+    """Pixels; a block's fields are its first column and row, and their numbers.
+
+    `shape` is that of the whole map (columns, rows), `origin` the first column and row that are here, and `stride` the
+    number of columns that are.
+    """
+
+    shape: Int[Array, " 2"]
+    origin: Int[Array, " 2"]
+    stride: Int[Array, ""]
+    values: Float[Array, "padded d"]
+    weights: Float[Array, " padded"] | None
+    variance: Float[Array, " padded"] | None
+
+    def tile(self, fields: Array, slot: Array, boxes: Array, lattice: Array) -> PixelTile:
+        """Squares of pixels; lanes beyond a square's edge repeat its last one."""
+        lanes = jnp.arange(SIDE)
+        sizes = [jnp.maximum(fields[:, k + 2, None] - 1, 0) for k in (0, 1)]
+        column, row = (fields[:, k, None] + jnp.clip(lanes, 0, size) for k, size in enumerate(sizes))
+        inside = (lanes < fields[:, 3, None])[:, :, None] & (lanes < fields[:, 2, None])[:, None]
+        index = (row - self.origin[1])[:, :, None] * self.stride + (column - self.origin[0])[:, None]
+        last = jnp.maximum(self.shape - 1, 1).astype(self.values.dtype)
+        u, v = (
+            _local(place.astype(self.values.dtype) / last[k], slot, boxes, lattice, k)
+            for k, place in enumerate((column, row))
+        )
+        values, weights, variance = self.lanes(index.reshape(-1, LANES), inside.reshape(-1, LANES))
+        return PixelTile(u=u, v=v, values=values, weights=weights, variance=variance)
 
 
 def _local(places: Array, slot: Array, boxes: Array, lattice: Array, axis: int) -> Array:
@@ -165,8 +197,32 @@ def _local(places: Array, slot: Array, boxes: Array, lattice: Array, axis: int) 
     return (places - low[:, None]) / jnp.where(size > 0, size, 1)[:, None]
 
 
-def _weights(samples: DeviceSamples, index: Array, real: Array) -> Array:
-    """Weights of the lanes; zero where padded."""
-    if samples.weights is None:
-        return real.astype(samples.values.dtype)
-    return jnp.where(real, samples.weights[index], 0)
+class BlockList(eqx.Module):
+    """Blocks on the device: fields and element slots, padded, and how many are real; kernels take `tile` at a time."""
+
+    fields: Int[Array, "padded 4"]
+    slot: Int[Array, " padded"]
+    count: Int[Array, ""]
+    tile: int = eqx.field(static=True)
+
+
+def in_turns(count: Array, length: int, turn: Callable[[Array, Carry], Carry], carry: Carry) -> Carry:
+    """Run `turn(first, carry)` for first = 0, `length`, ... below a count that is known only on the device."""
+    return jax.lax.fori_loop(0, (count + length - 1) // length, lambda k, carry: turn(k * length, carry), carry)
+
+
+def over_tiles(
+    samples: AbstractDeviceSamples,
+    listed: BlockList,
+    boxes: Array,
+    lattice: Array,
+    turn: Callable[[AbstractTile, Array, Array, Carry], Carry],
+    carry: Carry,
+) -> Carry:
+    """Run `turn(tile, slot, first, carry)` over the listed blocks; `first` is the place of the tile's first block."""
+
+    def body(first: Array, carry: Carry) -> Carry:
+        fields, slot = (jax.lax.dynamic_slice_in_dim(part, first, listed.tile) for part in (listed.fields, listed.slot))
+        return turn(samples.tile(fields, slot, boxes, lattice), slot, first, carry)
+
+    return in_turns(listed.count, listed.tile, body, carry)
