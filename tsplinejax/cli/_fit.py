@@ -73,8 +73,8 @@ def _add_method(parser: Parser) -> None:
     group.add_argument(
         "--solver",
         choices=("local", "global"),
-        default="global",
-        help="which control points a step updates (default global); dyadic with local updates the altered ones alone, "
+        default="local",
+        help="which control points a step updates (default local); dyadic with local updates the altered ones alone, "
         "which is the paper's algorithm",
     )
     group.add_argument(
