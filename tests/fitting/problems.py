@@ -63,8 +63,7 @@ class Case:
             sums = renew_points(store, zeros, to_device(EXTENT), self.lattice, every)[0].points[..., -1:]
         boxes = to_device(np.asarray(store.boxes))
         empty = empty_moments(self.mesh.capacity, self.dimension, np.dtype(np.float64))
-        blocks = self.samples.blocks(self.mesh.elements, chosen, self.mesh.slots[chosen])
-        return add_samples(empty, self.samples, blocks, boxes, self.lattice, len(chosen), sums)[0]
+        return add_samples(empty, self.samples, self.mesh, chosen, boxes, self.lattice, sums)[0]
 
     def system(self, smoothing: float) -> System:
         """The assembled system."""

@@ -111,11 +111,10 @@ def test_residuals(name):
     every = choose(slots, case.mesh.capacity)
     store, _ = renew_points(case.store(), padded, to_device(EXTENT), case.lattice, every)
     assert store.points.shape[-1] == case.dimension + case.rational
-    blocks = case.samples.blocks(case.mesh.elements, np.arange(len(slots)), slots)
     expected = case.values - case.basis() @ coefficients
-    found = all_residuals(case.samples, blocks, store.points, store.boxes, case.lattice)
+    found = all_residuals(case.samples, case.mesh, store.points, store.boxes, case.lattice)
     np.testing.assert_allclose(found, expected, atol=1e-11)
-    rest = residuals(case.samples, blocks, store.points, store.boxes, case.lattice, len(slots))
+    rest = residuals(case.samples, case.mesh, np.arange(len(slots)), store.points, store.boxes, case.lattice)
     element, counted = case.element_of_samples(), case.weights > 0
     squares = np.sum(expected**2, axis=1)
     largest = np.zeros(len(slots))

@@ -10,7 +10,7 @@ from ._point_cloud import PointCloud
 
 
 def as_data(data: Any) -> HeightMap | PointCloud:
-    """Return measured data as a height map or a point cloud.
+    """Return measured data as a height map or a point cloud, in memory.
 
     **Arguments:**
 

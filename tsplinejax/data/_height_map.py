@@ -71,7 +71,7 @@ class HeightMap:
         unit = canonical_unit(unit)
         _convert_heights(array, unit, canonical_unit(height_unit))
         object.__setattr__(self, "heights", frozen(array))
-        object.__setattr__(self, "spacing", _checked_spacing(spacing))
+        object.__setattr__(self, "spacing", checked_spacing(spacing))
         object.__setattr__(self, "unit", unit)
         object.__setattr__(self, "origin", finite_pair(origin, "an origin (x, y)"))
         object.__setattr__(self, "provenance", dict(provenance or {}))
@@ -217,7 +217,7 @@ def _height_array(heights: ArrayLike) -> np.ndarray:
     return array
 
 
-def _checked_spacing(spacing: float | Sequence[float]) -> tuple[float, float]:
+def checked_spacing(spacing: float | Sequence[float]) -> tuple[float, float]:
     pair = (spacing, spacing) if np.ndim(spacing) == 0 else spacing
     dx, dy = finite_pair(pair, "a spacing (dx, dy)")
     if dx <= 0 or dy <= 0:

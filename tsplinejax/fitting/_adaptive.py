@@ -23,7 +23,7 @@ from ._moments import add_samples
 from ._problem import Problem
 from ._residuals import all_residuals, residuals
 from ._result import Step, StopReason
-from ._samples import Blocks
+from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
 from ._store import (
     Chosen,
@@ -166,8 +166,8 @@ def remeasure(problem: Problem, state: State) -> State:
 
 def residuals_of(problem: Problem, state: State) -> Float[np.ndarray, "m d"]:
     """The residual of every sample, in the fit's own scale and the order of the data."""
-    blocks = problem.samples.blocks(state.mesh.elements, np.arange(len(state.mesh.slots)), state.mesh.slots)
-    return all_residuals(problem.samples, blocks, state.store.points, state.store.boxes, problem.lattice)
+    assert isinstance(problem.samples, AbstractHeldSamples)
+    return all_residuals(problem.samples, state.mesh, state.store.points, state.store.boxes, problem.lattice)
 
 
 def terminate(problem: Problem, state: State) -> StopReason | None:
@@ -192,7 +192,7 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
     A single sample is still worth a few cuts: the functions around it need narrower supports to follow it alone.
     """
     tmesh = state.mesh.tmesh
-    places = problem.samples.places_in(tmesh)
+    places = problem.samples.places_in(tmesh, state.mesh.per_element(np.add, state.tally.counts))
     assert tmesh.forest is not None
     areas = 0.5**tmesh.levels / np.prod(tmesh.forest.lattice)
     single = (places == 1) & (areas * problem.n_samples > SMALLEST)
@@ -242,17 +242,10 @@ def _accumulate(
     if problem.rational:
         store, _ = renew_points(store, coefficients, problem.extent, problem.lattice, _every(mesh))
         sums = store.points[..., -1:]
-    blocks = _blocks(problem, mesh, changed)
     moments = clear(store.moments, choose(changed, mesh.capacity))
-    moments, counts = add_samples(moments, problem.samples, blocks, store.boxes, problem.lattice, len(changed), sums)
+    places = mesh.places_of(changed)
+    moments, counts = add_samples(moments, problem.samples, mesh, places, store.boxes, problem.lattice, sums)
     return replace(store, moments=moments), tally.with_counts(changed, counts)
-
-
-def _blocks(problem: Problem, mesh: Discretisation, slots: np.ndarray) -> Blocks:
-    """Blocks of the samples in the elements with these device rows."""
-    place = np.empty(len(mesh.slots), np.int64)
-    place[mesh.slots] = np.arange(len(mesh.slots))
-    return problem.samples.blocks(mesh.elements, place[slots], slots)
 
 
 def _assemble(problem: Problem, store: Store, chosen: Chosen) -> Store:
@@ -329,8 +322,8 @@ def _measured(problem: Problem, state: State, affected: np.ndarray, started: flo
     """The state with residuals of the affected elements (device rows), every excess, and its line in the history."""
     mesh, tally, chosen = state.mesh, state.tally, choose(affected, state.mesh.capacity)
     store, energy = renew_points(state.store, state.coefficients, problem.extent, problem.lattice, chosen)
-    blocks = _blocks(problem, mesh, affected)
-    rest = residuals(problem.samples, blocks, store.points, store.boxes, problem.lattice, len(affected))
+    places = mesh.places_of(affected)
+    rest = residuals(problem.samples, mesh, places, store.points, store.boxes, problem.lattice)
     tally = tally.with_residuals(affected, rest, np.asarray(energy)[: len(affected)])
     if isinstance(problem.criterion, NoiseCriterion):
         explained = np.asarray(explained_squares(store.moments, store.points, chosen))

@@ -41,6 +41,12 @@ class Discretisation:
         result[self.slots] = per_bezier
         return result
 
+    def places_of(self, slots: np.ndarray) -> np.ndarray:
+        """The Bézier elements in these slots."""
+        element = np.empty(len(self.slots), np.int64)
+        element[self.slots] = np.arange(len(self.slots))
+        return element[slots]
+
     def touched_by(self, chosen: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " bezier"]:
         """Bézier elements on which a chosen function lives."""
         functions = self.elements.functions

@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..space import to_device
-from ._samples import AbstractSamples, Blocks
+from ._discretisation import Discretisation
+from ._samples import AbstractSamples, batches
 from ._tiles import AbstractDeviceSamples, AbstractTile, BlockList, over_tiles
 
 
@@ -46,30 +47,35 @@ def empty_moments(capacity: int, dimension: int, dtype: np.dtype) -> Moments:
 def add_samples(
     moments: Moments,
     samples: AbstractSamples,
-    blocks: Blocks,
+    mesh: Discretisation,
+    chosen: Int[np.ndarray, " chosen"],
     boxes: Array,
     lattice: Array,
-    n_chosen: int,
     sums: Float[Array, "capacity 4 4 1"] | None = None,
 ) -> tuple[Moments, Counts]:
-    """Add the samples of these blocks of `n_chosen` elements to the moments, whose arrays are used up.
+    """Add the samples of the chosen Bézier elements to the moments, whose arrays are used up.
 
     `sums` holds the Bézier points of Σb where the surface is rational.
     """
-    parts = []
-    for batch in samples.batches(blocks):
-        moments, counts = _add_batch(moments, batch.samples, batch.listed, boxes, lattice, sums)
-        parts.append((batch.places, counts))
-    counts = gather_parts(parts, len(blocks.slot), 2)
-    return moments, Counts(*(blocks.reduce(np.add, column, n_chosen) for column in counts))
+    counts = Counts(np.zeros(len(chosen)), np.zeros(len(chosen)))
+    for device, blocks in samples.parts(mesh.elements, chosen, mesh.slots[chosen]):
+        results = []
+        for listed, places in batches(blocks, samples.tile):
+            moments, result = _add_batch(moments, device, listed, boxes, lattice, sums)
+            results.append((places, result))
+        for column, total in zip(on_host(results, len(blocks.slot)), (counts.samples, counts.variance), strict=False):
+            blocks.reduce(np.add, column, total)
+    return moments, counts
 
 
-def gather_parts(parts: list[tuple[slice, tuple[Array, ...]]], n: int, width: int) -> list[np.ndarray]:
-    """Numbers a block, brought to the host: `width` columns of n."""
-    columns = [np.zeros(n) for _ in range(width)]
-    for places, part in parts:
-        for column, values in zip(columns, jax.device_get(part), strict=True):
-            column[places] = values[: places.stop - places.start]
+def on_host(results: list[tuple[slice, tuple[Array, ...]]], n: int) -> list[np.ndarray]:
+    """Numbers a block, brought to the host: columns of n."""
+    columns: list[np.ndarray] = []
+    for places, result in results:
+        for k, values in enumerate(jax.device_get(result)):
+            if k == len(columns):
+                columns.append(np.zeros(n))
+            columns[k][places] = values[: places.stop - places.start]
     return columns
 
 

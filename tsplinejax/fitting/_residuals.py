@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from ._moments import gather_parts
-from ._samples import AbstractSamples, Blocks
+from ._discretisation import Discretisation
+from ._moments import on_host
+from ._samples import AbstractHeldSamples, AbstractSamples, batches
 from ._tiles import LANES, AbstractDeviceSamples, AbstractTile, BlockList, over_tiles
 
 
@@ -24,32 +25,39 @@ class Residuals:
 
 def residuals(
     samples: AbstractSamples,
-    blocks: Blocks,
+    mesh: Discretisation,
+    chosen: Int[np.ndarray, " chosen"],
     points: Float[Array, "capacity 4 4 c"],
     boxes: Array,
     lattice: Array,
-    n_chosen: int,
 ) -> Residuals:
-    """Residuals of the samples in these blocks of `n_chosen` elements, whose Bézier points lie in `points`."""
-    parts = []
-    for batch in samples.batches(blocks):
-        _, sums = _batch_residuals(batch.samples, batch.listed, boxes, lattice, points)
-        parts.append((batch.places, sums))
-    columns = gather_parts(parts, len(blocks.slot), 3)
-    operations = (np.maximum, np.add, np.add)
-    return Residuals(*(blocks.reduce(f, column, n_chosen) for f, column in zip(operations, columns, strict=True)))
+    """Residuals of the samples in the chosen Bézier elements, whose Bézier points lie in `points`."""
+    found = Residuals(*(np.zeros(len(chosen)) for _ in range(3)))
+    totals = (found.largest, found.weighted, found.plain)
+    for device, blocks in samples.parts(mesh.elements, chosen, mesh.slots[chosen]):
+        results = [
+            (places, _batch_residuals(device, listed, boxes, lattice, points)[1])
+            for listed, places in batches(blocks, samples.tile)
+        ]
+        columns = on_host(results, len(blocks.slot))
+        for operation, column, total in zip((np.maximum, np.add, np.add), columns, totals, strict=False):
+            blocks.reduce(operation, column, total)
+    return found
 
 
 def all_residuals(
-    samples: AbstractSamples, blocks: Blocks, points: Float[Array, "capacity 4 4 c"], boxes: Array, lattice: Array
+    samples: AbstractHeldSamples,
+    mesh: Discretisation,
+    points: Float[Array, "capacity 4 4 c"],
+    boxes: Array,
+    lattice: Array,
 ) -> Float[np.ndarray, "m d"]:
-    """The residual of every sample, in the order of the data; `blocks` are those of all elements."""
-    parts = [
-        np.asarray(_batch_residuals(batch.samples, batch.listed, boxes, lattice, points)[0])[
-            : batch.places.stop - batch.places.start
-        ]
-        for batch in samples.batches(blocks)
-    ]
+    """The residual of every sample, in the order of the data."""
+    blocks = samples.blocks(mesh.elements, np.arange(len(mesh.slots)), mesh.slots)
+    parts = []
+    for listed, places in batches(blocks, samples.tile):
+        values, _ = _batch_residuals(samples.device, listed, boxes, lattice, points)
+        parts.append(np.asarray(values)[: places.stop - places.start])
     return samples.collect(blocks, np.concatenate(parts))
 
 

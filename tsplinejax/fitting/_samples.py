@@ -40,22 +40,12 @@ class Blocks:
     slot: Int[np.ndarray, " blocks"]
     owner: Int[np.ndarray, " blocks"]
 
-    def reduce(self, operation: np.ufunc, per_block: np.ndarray, n_elements: int) -> np.ndarray:
-        """Reduce a number per block to one per chosen element; zero where it holds no samples."""
-        result = np.zeros(n_elements, per_block.dtype)
+    def reduce(self, operation: np.ufunc, per_block: np.ndarray, result: Float[np.ndarray, " chosen"]) -> None:
+        """Reduce a number per block into one per chosen element."""
         if len(self.owner):
             first = np.flatnonzero(np.diff(self.owner, prepend=-1))
-            result[self.owner[first]] = operation.reduceat(per_block, first)
-        return result
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """A list of blocks on the device, with the samples it refers to, and its blocks' places among all blocks."""
-
-    samples: AbstractDeviceSamples
-    listed: BlockList
-    places: slice
+            owner = self.owner[first]
+            result[owner] = operation(result[owner], operation.reduceat(per_block, first))
 
 
 class AbstractSamples(ABC):
@@ -69,28 +59,48 @@ class AbstractSamples(ABC):
     tile: int
 
     @abstractmethod
+    def parts(
+        self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray
+    ) -> Iterator[tuple[AbstractDeviceSamples, Blocks]]:
+        """Blocks of the samples in the chosen Bézier elements, whose device slots are `slots`, and what they refer to.
+
+        The parts that follow each other may share elements, not samples.
+        """
+
+    @abstractmethod
+    def places_in(self, tmesh: TMesh, counts: Int[np.ndarray, " elements"]) -> Int[np.ndarray, " elements"]:
+        """Number of different places that hold a sample, per element of the T-mesh; two stands for more.
+
+        `counts` are the numbers of samples of a weight above zero.
+        """
+
+
+class AbstractHeldSamples(AbstractSamples):
+    """Samples that are all on the device."""
+
+    device: AbstractDeviceSamples
+
+    @abstractmethod
     def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
         """Blocks of the samples in the chosen Bézier elements, whose device slots are `slots`."""
 
-    @abstractmethod
-    def batches(self, blocks: Blocks) -> Iterator[Batch]:
-        """The blocks on the device, in lists of a fixed length."""
-
-    @abstractmethod
-    def places_in(self, tmesh: TMesh) -> Int[np.ndarray, " elements"]:
-        """Number of different places that hold a sample, per element of the T-mesh; two stands for more."""
+    def parts(
+        self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray
+    ) -> Iterator[tuple[AbstractDeviceSamples, Blocks]]:
+        """One part."""
+        yield self.device, self.blocks(elements, chosen, slots)
 
     @abstractmethod
     def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
         """Rows (blocks, 16, d) of the blocks of all samples, put in the order of the data: (m, d)."""
 
     @abstractmethod
-    def with_values(self, values: Float[np.ndarray, "m d"]) -> "AbstractSamples":
+    def with_values(self, values: Float[np.ndarray, "m d"]) -> "AbstractHeldSamples":
         """Other values at the same samples; variances are left out."""
 
 
 @dataclass(frozen=True, eq=False)
-class ScatteredSamples(AbstractSamples):
+class ScatteredSamples(AbstractHeldSamples):
     """Samples at any parameters, sorted by the codes of a dyadic forest.
 
     **Attributes:**
@@ -119,18 +129,14 @@ class ScatteredSamples(AbstractSamples):
         fields = np.stack([start, count, start, count], axis=1).astype(np.int32)
         return Blocks(fields, slots[owner].astype(np.int32), owner)
 
-    def batches(self, blocks: Blocks) -> Iterator[Batch]:
-        """Consecutive blocks."""
-        return _consecutive(self.device, blocks, self.tile)
-
-    def places_in(self, tmesh: TMesh) -> np.ndarray:
+    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
         """Two where the first and the last sample of an element differ in their code."""
         assert tmesh.forest is not None
         ranges = self._ranges(tmesh.forest.codes)
-        counts = np.minimum(np.diff(ranges), 2)
-        several = counts == 2
-        counts[several] = 1 + (self.codes[ranges[:-1][several]] != self.codes[ranges[1:][several] - 1])
-        return counts
+        places = np.minimum(np.diff(ranges), 2)
+        several = places == 2
+        places[several] = 1 + (self.codes[ranges[:-1][several]] != self.codes[ranges[1:][several] - 1])
+        return places
 
     def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
         """Undo the sorting."""
@@ -147,7 +153,7 @@ class ScatteredSamples(AbstractSamples):
 
 
 @dataclass(frozen=True, eq=False)
-class GridSamples(AbstractSamples):
+class GridSamples(AbstractHeldSamples):
     """The pixels of a height map; missing ones have weight zero.
 
     **Attributes:**
@@ -163,43 +169,13 @@ class GridSamples(AbstractSamples):
     device: DevicePixels
     tile: int
 
-    def _rectangles(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First pixel column and row of index boxes, and the numbers of columns and rows: (boxes, 2) each."""
-        low = [np.searchsorted(lines, boxes[:, k]) for k, lines in enumerate((self.columns, self.rows))]
-        high = [np.searchsorted(lines, boxes[:, k + 2]) for k, lines in enumerate((self.columns, self.rows))]
-        first = np.stack(low, axis=1)
-        return first, np.stack(high, axis=1) - first
-
     def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
         """Squares of at most 4 × 4 pixels."""
-        first, counts = self._rectangles(elements.boxes[chosen])
-        across = -(-counts // SIDE)
-        owner, place = _expand(across[:, 0] * across[:, 1])
-        row, column = np.divmod(place, across[owner, 0])
-        offset = SIDE * np.stack([column, row], axis=1)
-        size = np.minimum(counts[owner] - offset, SIDE)
-        fields = np.concatenate([first[owner] + offset, size], axis=1).astype(np.int32)
-        return Blocks(fields, slots[owner].astype(np.int32), owner)
+        return pixel_blocks(*rectangles(self.columns, self.rows, elements.boxes[chosen]), slots)
 
-    def batches(self, blocks: Blocks) -> Iterator[Batch]:
-        """Consecutive blocks."""
-        return _consecutive(self.device, blocks, self.tile)
-
-    def places_in(self, tmesh: TMesh) -> np.ndarray:
-        """Pixels in each element; missing ones are counted by a summed-area table."""
-        first, counts = self._rectangles(tmesh.boxes)
-        if self.index is None:
-            return np.minimum(counts[:, 0] * counts[:, 1], 2)
-        last, table = first + counts, self._summed
-        inside = table[last[:, 1], last[:, 0]] - table[first[:, 1], last[:, 0]]
-        return np.minimum(inside - table[last[:, 1], first[:, 0]] + table[first[:, 1], first[:, 0]], 2)
-
-    @property
-    def _summed(self) -> np.ndarray:
-        """Number of samples below and left of every pixel corner."""
-        present = np.zeros((len(self.rows) + 1, len(self.columns) + 1), np.int64)
-        present[1:, 1:].flat[np.arange(present[1:, 1:].size) if self.index is None else self.index] = 1
-        return present.cumsum(axis=0).cumsum(axis=1)
+    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
+        """Every pixel is a place of its own."""
+        return np.minimum(counts, 2)
 
     def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
         """Pixel by pixel, the missing ones left out."""
@@ -218,6 +194,28 @@ class GridSamples(AbstractSamples):
         return replace(self, device=_with_values(self.device, column))
 
 
+def rectangles(
+    columns: Int[np.ndarray, " columns"], rows: Int[np.ndarray, " rows"], boxes: Int[np.ndarray, "boxes 4"]
+) -> tuple[Int[np.ndarray, "boxes 2"], Int[np.ndarray, "boxes 2"]]:
+    """First pixel column and row of index boxes, and the numbers of columns and rows."""
+    lines = (columns, rows)
+    first, last = (
+        np.stack([np.searchsorted(line, boxes[:, k + at]) for k, line in enumerate(lines)], axis=1) for at in (0, 2)
+    )
+    return first, last - first
+
+
+def pixel_blocks(first: Int[np.ndarray, "n 2"], counts: Int[np.ndarray, "n 2"], slots: np.ndarray) -> Blocks:
+    """Rectangles of pixels cut into squares of at most 4 × 4."""
+    across = -(-counts // SIDE)
+    owner, place = _expand(across[:, 0] * across[:, 1])
+    row, column = np.divmod(place, across[owner, 0])
+    offset = SIDE * np.stack([column, row], axis=1)
+    size = np.minimum(counts[owner] - offset, SIDE)
+    fields = np.concatenate([first[owner] + offset, size], axis=1).astype(np.int32)
+    return Blocks(fields, slots[owner].astype(np.int32), owner)
+
+
 DeviceKind = TypeVar("DeviceKind", bound=AbstractDeviceSamples)
 
 
@@ -226,15 +224,15 @@ def _with_values(samples: DeviceKind, values: Array) -> DeviceKind:
     return eqx.tree_at(lambda s: (s.values, s.variance), samples, (values, None), is_leaf=lambda leaf: leaf is None)
 
 
-def _consecutive(samples: AbstractDeviceSamples, blocks: Blocks, tile: int) -> Iterator[Batch]:
-    """Blocks in their order, `TILES` tiles at a time."""
+def batches(blocks: Blocks, tile: int) -> Iterator[tuple[BlockList, slice]]:
+    """The blocks on the device, in lists of `TILES` tiles, and each list's places among all blocks."""
     length = TILES * tile
     for first in range(0, len(blocks.slot), length):
         places = slice(first, min(first + length, len(blocks.slot)))
         parts = (pad(part[places], length, 0) for part in (blocks.fields, blocks.slot))
         count = to_device(places.stop - first, np.int32)
         fields, slot = (to_device(part) for part in parts)
-        yield Batch(samples, BlockList(fields, slot, count, tile), places)
+        yield BlockList(fields, slot, count, tile), places
 
 
 def _expand(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from ._adaptive import State, remeasure
 from ._moments import Moments, add_samples, empty_moments
 from ._problem import Problem
 from ._run import Run
+from ._samples import AbstractHeldSamples
 from ._solve import conjugate_gradients
 from ._store import assemble_rows, choose, renew_points
 from ._system import System
@@ -93,10 +94,10 @@ def _probed_moments(problem: Problem, state: State) -> Moments:
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(problem.n_samples, PROBES))
     if weights is not None:  # √w: the smoother of the weighted problem acts on √w v
         signs /= np.sqrt(np.where(weights > 0, weights, 1))[:, None]
-    probed = problem.samples.with_values(signs)
-    blocks = probed.blocks(mesh.elements, np.arange(len(mesh.slots)), mesh.slots)
+    assert isinstance(problem.samples, AbstractHeldSamples)
+    probed, every = problem.samples.with_values(signs), np.arange(len(mesh.slots))
     empty = empty_moments(mesh.capacity, PROBES, problem.dtype)
-    moments, _ = add_samples(empty, probed, blocks, state.store.boxes, problem.lattice, len(mesh.slots))
+    moments, _ = add_samples(empty, probed, mesh, every, state.store.boxes, problem.lattice)
     mass, load = state.store.moments.mass, state.store.moments.load
     return Moments(mass, jnp.concatenate([load, moments.load], axis=-1))
 
