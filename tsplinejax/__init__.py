@@ -9,6 +9,7 @@ from .data import (
     NoiseEstimate as NoiseEstimate,
     PointCloud as PointCloud,
     Samples as Samples,
+    StoredMap as StoredMap,
     estimate_noise as estimate_noise,
     find_outliers as find_outliers,
 )

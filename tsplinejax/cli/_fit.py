@@ -157,8 +157,8 @@ def report_of(result: FitResult) -> dict[str, Any]:
         "stop": str(result.stop),
         "stop_message": result.stop.message,
         "steps": len(result.history) - 1,
-        "samples": len(result.samples),
-        "outliers": int(np.count_nonzero(result.outliers)),
+        "samples": result.n_samples,
+        "outliers": 0 if result.at_samples is None else int(np.count_nonzero(result.outliers)),
         "history": [asdict(step) for step in result.history],
     }
 

@@ -63,7 +63,8 @@ def header_of(surface: TSpline, tmesh: TMesh, model: TSpline | FitResult) -> dic
     fit, provenance = {}, {}
     if isinstance(model, FitResult):
         fit = {"stop": str(model.stop), **{name: getattr(model, name) for name in _FIT_FIGURES}}
-        fit["outliers"] = int(np.count_nonzero(model.outliers))
+        kept = model.at_samples
+        fit["outliers"] = 0 if kept is None else int(np.count_nonzero(kept.outliers))
         provenance = dict(model.provenance)
     return {
         "format": FORMAT,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .._errors import InputError
 from ._frame import Frame, finite_pair
-from ._height_map import checked_spacing
+from ._height_map import HeightMap, checked_spacing
 from ._units import canonical_unit
 
 _WINDOW = 1 << 22  # pixels of a window of the first pass
@@ -107,6 +107,15 @@ class StoredMap:
                 f"{rows.start} to {rows.stop}, columns {columns.start} to {columns.stop}"
             )
         return array
+
+    def bands(self, pixels: int = 1 << 20) -> HeightMap:
+        """Some of the rows, in bands of 32 from top to bottom, as a map in memory: enough to judge noise and tilt."""
+        rows, columns = self.shape
+        band = min(32, rows)
+        count = int(np.clip(pixels // (band * columns), 1, rows // band))
+        first = np.linspace(0, rows - band, count).astype(int)
+        parts = [self.window(slice(row, row + band), slice(0, columns)) for row in first]
+        return HeightMap(np.concatenate(parts), self.spacing, self.unit)
 
     @cached_property
     def statistics(self) -> Statistics:

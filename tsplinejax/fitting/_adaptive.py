@@ -195,7 +195,7 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
     places = problem.samples.places_in(tmesh, state.mesh.per_element(np.add, state.tally.counts))
     assert tmesh.forest is not None
     areas = 0.5**tmesh.levels / np.prod(tmesh.forest.lattice)
-    single = (places == 1) & (areas * problem.n_samples > SMALLEST)
+    single = (places == 1) & (areas * problem.source.n_samples > SMALLEST)
     return ((places > 1) | single) & (tmesh.levels < MAX_LEVEL)
 
 
@@ -338,13 +338,13 @@ def _entry(problem: Problem, state: State, started: float) -> Step:
     factor, tally = problem.scaling.factor, state.tally
     error = float(tally.plain.sum())
     objective = float(tally.weighted.sum()) + problem.smoothing * float(tally.energy.sum())
-    signal, centred = problem.signal
+    signal, centred = problem.source.signal
     return Step(
         step=len(state.history),
         control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
         max_error=float(tally.largest.max()) * factor,
-        rms_error=float(np.sqrt(error / problem.n_counted)) * factor,
+        rms_error=float(np.sqrt(error / problem.source.n_counted)) * factor,
         snr_db=_decibel(signal, error * factor**2),
         snr_db_centred=_decibel(centred, error * factor**2),
         objective=objective * factor**2,

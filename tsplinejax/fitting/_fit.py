@@ -10,18 +10,21 @@ from numpy.typing import DTypeLike
 
 from .._errors import InputError
 from .._version import __version__
+from ..data import StoredMap, is_stored
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, require_forest
 from ..space import resolve_dtype, spline_space
 from ..surface import TSpline, make_surface
 from ._adaptive import State, residuals_of
 from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
 from ._energy import default_smoothing
-from ._options import Length, Request, read_request
+from ._options import Length, Request, read_request, read_stored_request
+from ._pages import most_control_points
 from ._problem import Budget, Problem, pose, start_lattice
-from ._result import FitResult, StopReason
+from ._result import AtSamples, FitResult, StopReason
 from ._run import Run, run, run_best_lattice
 from ._smoothing import smooth_automatically
 from ._solve import AbstractSolver, LocalSolver
+from ._source import HeldSource, StoredSource
 
 
 def fit(
@@ -43,13 +46,14 @@ def fit(
     dtype: DTypeLike | None = None,
     progress: bool = False,
     as_surface: bool = False,
+    max_memory: float = 4e9,
 ) -> FitResult:
     """Fit a T-spline to measured data, refining until the criterion is met.
 
     **Arguments:**
 
     - `data`: a `HeightMap`, a `PointCloud`, `Samples`, or plain arrays (see `as_data`). A cloud is fitted as z over
-      (x, y).
+      (x, y). A `StoredMap`, a memory map, a zarr or a dask array stays where it is and is read page by page.
     - `tolerance`: largest error allowed at any sample, in the data's unit, or with one: `"5nm"`.
     - `relative_tolerance`: the same as a share of the range (max - min) of the samples that are not outliers.
     - `noise`: stop where residuals are no longer significantly above the noise: `"auto"` estimates it, a number is its
@@ -69,6 +73,8 @@ def fit(
     - `dtype`: `"float32"` to fit in single precision; by default the data's.
     - `progress`: show a progress bar on standard error.
     - `as_surface`: fit a cloud's points in space (x, y, z) over planar parameters, not z alone.
+    - `max_memory`: bytes that the fit of a stored map may take; it sets the size of a page and the largest number of
+      control points. Residuals of a stored map are not kept, and weights and `robust` need data in memory.
 
     **Returns:** a [`FitResult`][tsplinejax.FitResult]. That a budget ran out is said there, not raised; interrupting
     (Ctrl-C) returns the best step so far.
@@ -99,12 +105,14 @@ def fit(
         max_seconds=max_seconds,
         dtype=dtype,
         as_surface=as_surface,
+        max_memory=max_memory,
     )
     if lattice == "auto":
         problem, outcome = run_best_lattice(problem, progress=progress)
     else:
         outcome = run(problem, progress=progress)
-    if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE:
+    held = isinstance(problem.source, HeldSource)
+    if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE and held:
         problem, outcome = smooth_automatically(problem, outcome)
     source = dict(getattr(data, "provenance", None) or {})
     return _result(problem, outcome, time.perf_counter() - started, _provenance(problem, outcome.stop, source))
@@ -128,6 +136,7 @@ def pose_fit(
     max_seconds: float | None = None,
     dtype: DTypeLike | None = None,
     as_surface: bool = False,
+    max_memory: float = 4e9,
 ) -> Problem:
     """Make everything ready for a fit that is driven by hand, with `begin`, `advance` and `terminate`.
 
@@ -143,15 +152,22 @@ def pose_fit(
     >>> surface_of(problem, state).control_points.shape
     (120,)
     """
-    request = read_request(
-        data,
-        tolerance=tolerance,
-        relative_tolerance=relative_tolerance,
-        noise=noise,
-        weights=weights,
-        robust=robust,
-        as_surface=as_surface,
-    )
+    criterion: dict[str, Any] = {
+        "tolerance": tolerance,
+        "relative_tolerance": relative_tolerance,
+        "noise": noise,
+    }
+    if is_stored(data):
+        data = StoredMap(data)
+    if isinstance(data, StoredMap):
+        if weights is not None or robust or as_surface:
+            raise InputError(
+                "weights, robust=True and as_surface=True need data in memory; this map is stored elsewhere; leave "
+                "them out, or read it: HeightMap(numpy.asarray(data))"
+            )
+        request = read_stored_request(data, **criterion, max_memory=_checked_memory(max_memory))
+    else:
+        request = read_request(data, **criterion, weights=weights, robust=robust, as_surface=as_surface)
     budget = _checked_budget(max_steps, max_control_points, max_seconds)
     refinement, solver = refinement or AnalysisSuitable(), solver or LocalSolver()
     if not isinstance(refinement, AbstractRefinement) or not isinstance(solver, AbstractSolver):
@@ -173,13 +189,16 @@ def prepare(
     lattice: tuple[int, int] | str | None,
 ) -> Problem:
     """Choose precision, start lattice, criterion and λ, and put the samples on the device."""
-    samples = request.samples
-    resolved = resolve_dtype(samples.values.dtype if dtype is None else dtype)
+    source = request.source
+    resolved = resolve_dtype(source.dtype if dtype is None else dtype)
     given = None if isinstance(lattice, str) and lattice == "auto" else lattice
-    start = start_lattice(samples.frame, len(samples), given, first_cut, budget.max_control_points)
+    start = start_lattice(source.frame, source.n_samples, given, first_cut, budget.max_control_points)
     if budget.max_control_points is None:
         share = 5 if request.tolerance is None else 2
-        budget = replace(budget, max_control_points=max(2 * start.n_anchors, len(samples) // share))
+        most = max(2 * start.n_anchors, source.n_samples // share)
+        if isinstance(source, StoredSource):
+            most = min(most, most_control_points(source.max_memory))
+        budget = replace(budget, max_control_points=most)
 
     def criterion(factor: float) -> AbstractCriterion:
         if request.tolerance is not None:
@@ -191,7 +210,7 @@ def prepare(
         request,
         start=start,
         criterion=criterion,
-        smoothing=_smoothing_weight(smoothing, len(samples), refinement),
+        smoothing=_smoothing_weight(smoothing, source.n_samples, refinement),
         refinement=refinement,
         solver=solver,
         budget=budget,
@@ -209,7 +228,7 @@ def surface_of(problem: Problem, state: State) -> TSpline:
     """
     scaling, n = problem.scaling, state.mesh.tmesh.n_anchors
     points = np.asarray(state.coefficients, np.float64)[:n] * scaling.factor + scaling.offset
-    height_map = problem.data.dimension == 1
+    height_map = problem.dimension == 1
     mesh, along = state.mesh, None
     if state.alive:
         along = (np.asarray(state.store.along_s)[mesh.slots], np.asarray(state.store.along_t)[mesh.slots])
@@ -221,7 +240,7 @@ def surface_of(problem: Problem, state: State) -> TSpline:
         along=along,
         capacity=mesh.capacity,
     )
-    return make_surface(space, points[:, 0] if height_map else points, problem.data.frame)
+    return make_surface(space, points[:, 0] if height_map else points, problem.source.frame)
 
 
 def _smoothing_weight(smoothing: float | str, n_samples: int, refinement: AbstractRefinement) -> float:
@@ -245,6 +264,13 @@ def _checked_budget(max_steps: int | None, max_control_points: int | None, max_s
     return Budget(max_steps, max_control_points, max_seconds)
 
 
+def _checked_memory(max_memory: float) -> float:
+    """A budget that leaves room for a page and a mesh."""
+    if not np.isfinite(max_memory) or max_memory < 2e8:
+        raise InputError(f"max_memory is a number of bytes, at least 2e8; received {max_memory!r}; try 4e9")
+    return float(max_memory)
+
+
 def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> dict[str, Any]:
     """Software, input, options and outcome, as they go into the model's file."""
     request, forest = problem.request, require_forest(problem.start)
@@ -264,23 +290,21 @@ def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> d
 
 def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str, Any]) -> FitResult:
     """The frozen result, in the data's unit and order."""
-    request = problem.request
+    request, source = problem.request, problem.source
     state, stop = outcome.best, outcome.stop
-    scaling, entry, samples = problem.scaling, state.history[-1], request.samples
-    residuals = residuals_of(problem, state).astype(np.float64) * scaling.factor
+    entry = state.history[-1]
+    kept = _kept(problem, state)
     warnings = list(request.warnings)
     if stop not in (StopReason.TOLERANCE, StopReason.NOISE):
-        worst = int(np.argmax(np.where(request.outliers, -1.0, np.linalg.norm(residuals, axis=1))))
-        x, y = samples.frame.xy_of(samples.parameters[worst : worst + 1])[0]
+        x, y = _worst_place(problem, state, kept)
         warnings.append(
             f"stopped before the criterion was met ({stop}: {stop.message}); the largest error left is "
             f"{entry.max_error:.4g} at (x, y) = ({x:.4g}, {y:.4g})"
         )
     return FitResult(
         surface=surface_of(problem, state),
-        samples=samples,
-        residuals=residuals if samples.dimension > 1 else residuals[:, 0],
-        outliers=request.outliers,
+        at_samples=kept,
+        n_samples=source.n_samples,
         stop=stop,
         converged=stop in (StopReason.TOLERANCE, StopReason.NOISE),
         tolerance=request.tolerance,
@@ -290,7 +314,7 @@ def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str
         snr_db=entry.snr_db,
         snr_db_centred=entry.snr_db_centred,
         range=request.range,
-        unit=samples.frame.unit,
+        unit=source.frame.unit,
         smoothing=problem.smoothing,
         control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
@@ -299,3 +323,25 @@ def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str
         warnings=tuple(warnings),
         provenance=provenance,
     )
+
+
+def _kept(problem: Problem, state: State) -> AtSamples | None:
+    """Samples and residuals of data in memory."""
+    if not isinstance(problem.source, HeldSource):
+        return None
+    residuals = residuals_of(problem, state).astype(np.float64) * problem.scaling.factor
+    samples = problem.source.samples
+    return AtSamples(samples, residuals if samples.dimension > 1 else residuals[:, 0], problem.source.outliers)
+
+
+def _worst_place(problem: Problem, state: State, kept: AtSamples | None) -> tuple[float, float]:
+    """Where the largest error is: at a sample, or in the middle of its element where residuals are not kept."""
+    if kept is None:
+        slot = int(np.argmax(state.tally.largest))
+        box = state.mesh.elements.boxes[state.mesh.places_of(np.array([slot]))[0]]
+        place = (box[:2] + box[2:]) / (2 * np.array(state.mesh.tmesh.extent))
+    else:
+        size = np.linalg.norm(kept.residuals.reshape(len(kept.residuals), -1), axis=1)
+        place = kept.samples.parameters[int(np.argmax(np.where(kept.outliers, -1.0, size)))]
+    x, y = problem.source.frame.xy_of(place[None])[0]
+    return float(x), float(y)

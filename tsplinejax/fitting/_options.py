@@ -1,6 +1,6 @@
 """What a caller asks of a fit, checked and turned into numbers in the data's unit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import ArrayLike, Bool
@@ -11,12 +11,14 @@ from ..data import (
     NoiseEstimate,
     PointCloud,
     Samples,
+    StoredMap,
     as_data,
     estimate_noise,
     find_outliers,
     parse_length,
     quick_noise,
 )
+from ._source import AbstractSource, HeldSource, StoredSource
 
 Length = float | str
 
@@ -27,7 +29,7 @@ class Request:
 
     **Attributes:**
 
-    - `samples`, `outliers`: what is fitted and which samples are set aside.
+    - `source`: what is fitted, and which samples are set aside.
     - `range`: max - min of the inliers, or the diagonal of their box for points in space.
     - `tolerance`: in the data's unit, or `None` for a fit to noise.
     - `noise`: what is known of the noise, or `None`.
@@ -35,13 +37,33 @@ class Request:
     - `warnings`: what the data give reason to say.
     """
 
-    samples: Samples
-    outliers: Bool[np.ndarray, " m"]
+    source: AbstractSource
     range: float
     tolerance: float | None
     noise: NoiseEstimate | None
     robust: bool
     warnings: tuple[str, ...]
+
+    @property
+    def held(self) -> HeldSource:
+        """The source of samples in memory."""
+        assert isinstance(self.source, HeldSource)
+        return self.source
+
+    @property
+    def samples(self) -> Samples:
+        """The samples in memory."""
+        return self.held.samples
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, " m"]:
+        """Which samples are set aside, (m,)."""
+        return self.held.outliers
+
+    @property
+    def counted(self) -> Bool[np.ndarray, " m"]:
+        """Samples that count: neither outliers nor of weight zero."""
+        return self.held.counted
 
 
 def read_request(
@@ -60,37 +82,77 @@ def read_request(
     source = data if isinstance(data, Samples) else as_data(data)
     samples = _samples_of(source, weights, as_surface)
     outliers = _outliers_of(source, samples, as_surface) if robust else np.zeros(len(samples), bool)
-    counted = ~outliers if samples.weights is None else ~outliers & (samples.weights > 0)
-    if not counted.any():
+    held = HeldSource(samples, outliers)
+    if not held.counted.any():
         raise InputError("no sample is left to fit: all have weight 0 or are outliers; check the weights")
-    values = samples.values[counted].astype(np.float64)
+    values = samples.values[held.counted].astype(np.float64)
     spread = float(np.linalg.norm(np.ptp(values, axis=0)))
-    unit = samples.frame.unit
-    warnings = list(_data_warnings(samples, counted, robust))
-    if tolerance is not None:
-        limit = _positive(parse_length(tolerance, unit), "a tolerance", tolerance)
-    elif relative_tolerance is not None:
-        if spread == 0:
-            raise InputError(
-                "a relative tolerance is a share of the range, but this surface is constant (range 0); give tolerance="
-            )
-        limit = _positive(relative_tolerance, "a relative tolerance", relative_tolerance) * spread
-    else:
-        estimate = _noise_of(source, samples, noise, unit)
+    warnings = list(_data_warnings(samples, held.counted, robust))
+    if tolerance is None and relative_tolerance is None:
+        estimate = _noise_of(source, noise, samples.frame.unit)
         if estimate.texture_limited:
             warnings.append(estimate.note)
-        return Request(samples, outliers, spread, None, estimate, robust, tuple(warnings))
+        return Request(held, spread, None, estimate, robust, tuple(warnings))
+    limit = _limit_of(tolerance, relative_tolerance, spread, samples.frame.unit)
+    sigma = quick_noise(source) if samples.dimension == 1 else 0.0
+    warnings.extend(_limit_warnings(limit, spread, sigma))
+    return Request(held, spread, limit, None, robust, tuple(warnings))
+
+
+def read_stored_request(
+    stored: StoredMap,
+    *,
+    tolerance: Length | None,
+    relative_tolerance: float | None,
+    noise: Length | None,
+    max_memory: float,
+) -> Request:
+    """Check a caller's wishes against a map that stays where it is; noise and tilt are judged by part of its rows."""
+    if sum(option is not None for option in (tolerance, relative_tolerance, noise)) > 1:
+        raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
+    source = StoredSource(stored, max_memory)
+    spread = stored.statistics.high - stored.statistics.low
+    part = stored.bands()
+    warnings = []
+    if np.isfinite(part.heights).any():
+        samples = part.samples() if part.valid.sum() > 3 else None
+        if samples is not None:
+            warnings = list(_data_warnings(samples, np.ones(len(samples), bool), False))
+    if tolerance is None and relative_tolerance is None:
+        estimate = _noise_of(part, noise, stored.unit)
+        if estimate.texture_limited:
+            warnings.append(estimate.note)
+        return Request(source, spread, None, replace(estimate, slope_coefficient=0.0), False, tuple(warnings))
+    limit = _limit_of(tolerance, relative_tolerance, spread, stored.unit)
+    warnings.extend(_limit_warnings(limit, spread, estimate_noise(part).sigma))
+    return Request(source, spread, limit, None, False, tuple(warnings))
+
+
+def _limit_of(tolerance: Length | None, relative_tolerance: float | None, spread: float, unit: str | None) -> float:
+    """The largest error allowed, in the data's unit."""
+    if tolerance is not None:
+        return _positive(parse_length(tolerance, unit), "a tolerance", tolerance)
+    assert relative_tolerance is not None
+    if spread == 0:
+        raise InputError(
+            "a relative tolerance is a share of the range, but this surface is constant (range 0); give tolerance="
+        )
+    return _positive(relative_tolerance, "a relative tolerance", relative_tolerance) * spread
+
+
+def _limit_warnings(limit: float, spread: float, sigma: float) -> list[str]:
+    """A tolerance that shows nothing of the surface, or follows the noise."""
+    warnings = []
     if spread > 0 and limit > spread / 2:
         warnings.append(
             f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface"
         )
-    sigma = quick_noise(source) if samples.dimension == 1 else 0.0
     if limit < sigma:
         warnings.append(
             f"the tolerance {limit:.4g} is below the estimated noise {sigma:.4g}: the fit will follow the noise; "
             "use noise='auto' (--noise auto) to stop there"
         )
-    return Request(samples, outliers, spread, limit, None, robust, tuple(warnings))
+    return warnings
 
 
 def _samples_of(source: HeightMap | PointCloud | Samples, weights: ArrayLike | None, as_surface: bool) -> Samples:
@@ -125,9 +187,7 @@ def _outliers_of(
     return find_outliers(source)
 
 
-def _noise_of(
-    source: HeightMap | PointCloud | Samples, samples: Samples, noise: Length | None, unit: str | None
-) -> NoiseEstimate:
+def _noise_of(source: HeightMap | PointCloud | Samples, noise: Length | None, unit: str | None) -> NoiseEstimate:
     """The noise estimated from the data, or the standard deviation given."""
     if noise is None or noise == "auto":
         return estimate_noise(source)

@@ -4,19 +4,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .._errors import InputError
-from ..data import Frame, Samples
+from ..data import Frame
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
 from ..space import to_device
-from ._criteria import AbstractCriterion, noise_variance
+from ._criteria import AbstractCriterion
 from ._options import Request
-from ._samples import AbstractSamples, grid_samples, scattered_samples
+from ._samples import AbstractSamples
 from ._solve import AbstractSolver, LocalSolver
-from ._tiles import LANES
+from ._source import AbstractSource, Scaling
 
 
 @dataclass(frozen=True)
@@ -26,14 +25,6 @@ class Budget:
     max_steps: int | None = None
     max_control_points: int | None = None
     max_seconds: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Scaling:
-    """Values are fitted centred and scaled: value = offset + factor · fitted. Metres in float32 are safe."""
-
-    offset: Float[np.ndarray, " d"]
-    factor: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,40 +56,14 @@ class Problem:
     stage_factor: float = 0.25
 
     @property
-    def data(self) -> Samples:
-        """The samples as given."""
-        return self.request.samples
-
-    @property
-    def outliers(self) -> Bool[np.ndarray, " m"]:
-        """Which samples are set aside, (m,)."""
-        return self.request.outliers
+    def source(self) -> AbstractSource:
+        """Where the samples come from."""
+        return self.request.source
 
     @property
     def dimension(self) -> int:
         """1 for heights, 3 for points in space."""
-        return self.data.dimension
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples, outliers included."""
-        return len(self.data)
-
-    @cached_property
-    def counted(self) -> Bool[np.ndarray, " m"]:
-        """Samples that count: neither outliers nor of weight zero."""
-        return ~self.outliers if self.data.weights is None else ~self.outliers & (self.data.weights > 0)
-
-    @cached_property
-    def n_counted(self) -> int:
-        """Number of samples that count."""
-        return int(self.counted.sum())
-
-    @cached_property
-    def signal(self) -> tuple[float, float]:
-        """Σ |v|² of the samples that count, as they are and with their mean removed: the signals of the two SNRs."""
-        values = self.data.values[self.counted].astype(np.float64)
-        return float(np.sum(values**2)), float(np.sum((values - values.mean(axis=0)) ** 2))
+        return self.source.dimension
 
     @property
     def dtype(self) -> np.dtype:
@@ -120,20 +85,7 @@ class Problem:
     def least_capacity(self) -> int:
         """Smallest padded length: small data take little memory, large data compile few kernels."""
         sizes = ((1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
-        return next((capacity for limit, capacity in sizes if self.n_samples < limit), 65536)
-
-
-def tile_of(n_samples: int) -> int:
-    """Blocks of sixteen samples in a tile: a power of two that suits the number of samples and the device."""
-    largest = 1024 if jax.default_backend() == "cpu" else 65536
-    return int(np.clip(2 ** np.ceil(np.log2(n_samples / LANES + 1)), 64, largest))
-
-
-def scale_values(data: Samples, counted: Bool[np.ndarray, " m"]) -> Scaling:
-    """Centre on the mean of the counted values and divide by their range (the diagonal of their box)."""
-    values = data.values[counted].astype(np.float64)
-    spread = float(np.linalg.norm(np.ptp(values, axis=0)))
-    return Scaling(values.mean(axis=0), spread if spread > 0 else 1.0)
+        return next((capacity for limit, capacity in sizes if self.source.n_samples < limit), 65536)
 
 
 def start_lattice(
@@ -184,37 +136,7 @@ def restart(problem: Problem, lattice: tuple[int, int], first_cut: Direction) ->
         same = (start.forest.lattice, first_cut) == (problem.start.forest.lattice, problem.start.forest.first_cut)
         if same:
             return problem
-    counted, scaling = problem.counted, problem.scaling
-    return replace(
-        problem, start=start, samples=prepare_samples(problem.request, start, scaling, counted, problem.dtype)
-    )
-
-
-def prepare_samples(
-    request: Request, start: TMesh, scaling: Scaling, counted: Bool[np.ndarray, " m"], dtype: np.dtype
-) -> AbstractSamples:
-    """Scale the samples and put them on the device, as pixels where they come from a grid."""
-    data = request.samples
-    weights = None
-    if data.weights is not None or not counted.all():
-        weights = np.where(counted, 1.0 if data.weights is None else data.weights, 0.0)
-    variance = None if request.noise is None else noise_variance(request.noise, data, scaling.factor)
-    values = (data.values.astype(np.float64) - scaling.offset) / scaling.factor
-    length = tile_of(len(data))
-    shape = data.grid_shape
-    if shape is None or not _on_grid(data, shape):
-        return scattered_samples(start, data.parameters, values, weights, variance, dtype=dtype, tile=length)
-    index = None if len(data) == shape[0] * shape[1] else data.grid_index
-    return grid_samples(start, shape, index, values, weights, variance, dtype=dtype, tile=length)
-
-
-def _on_grid(data: Samples, shape: tuple[int, int]) -> bool:
-    """Whether the samples are pixels of their grid, each at most once, in order and in their places."""
-    index = data.grid_index
-    if index is None or min(shape) < 2 or not (np.diff(index) > 0).all():
-        return False
-    places = np.stack([index % shape[1] / (shape[1] - 1), index // shape[1] / (shape[0] - 1)], axis=1)
-    return np.array_equal(places, data.parameters)
+    return replace(problem, start=start, samples=problem.source.prepare(start, problem.request.noise, problem.dtype))
 
 
 def pose(
@@ -229,16 +151,14 @@ def pose(
     dtype: np.dtype,
 ) -> Problem:
     """Make a problem of a request; `criterion` receives the scaling's factor."""
-    data, outliers = request.samples, request.outliers
-    counted = ~outliers if data.weights is None else ~outliers & (data.weights > 0)
-    scaling = scale_values(data, counted)
+    source = request.source
     return Problem(
         request=request,
         start=start,
-        samples=prepare_samples(request, start, scaling, counted, dtype),
-        scaling=scaling,
-        extent=physical_extent(data.frame, dtype),
-        criterion=criterion(scaling.factor),
+        samples=source.prepare(start, request.noise, dtype),
+        scaling=source.scaling,
+        extent=physical_extent(source.frame, dtype),
+        criterion=criterion(source.scaling.factor),
         smoothing=smoothing,
         refinement=refinement,
         solver=solver,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._errors import InputError
 from ..data import Samples
 from ..surface import TSpline
 
@@ -69,6 +70,15 @@ class Step:
     seconds: float
 
 
+@dataclass(frozen=True, eq=False)
+class AtSamples:
+    """What a fit of data in memory keeps of every sample."""
+
+    samples: Samples
+    residuals: Float[np.ndarray, " m"] | Float[np.ndarray, "m 3"]
+    outliers: Bool[np.ndarray, " m"]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FitResult:
     """A fitted T-spline and its account.
@@ -76,9 +86,8 @@ class FitResult:
     **Attributes:**
 
     - `surface`: the T-spline of the best step by the user's criterion.
-    - `samples`: the samples it was fitted to, (m,).
-    - `residuals`: value minus surface at each sample, (m,) for heights, (m, 3) for points in space.
-    - `outliers`: samples that were set aside, (m,).
+    - `at_samples`: samples, residuals and outliers; `None` for a stored map.
+    - `n_samples`: how many samples it was fitted to.
     - `stop`, `converged`: why the loop stopped; whether the criterion was met.
     - `tolerance`: largest error asked for, in `unit`; `None` for a fit to noise.
     - `noise`: standard deviation of the noise that the fit assumed, or `None`.
@@ -91,9 +100,8 @@ class FitResult:
     """
 
     surface: TSpline
-    samples: Samples
-    residuals: Float[np.ndarray, " m"] | Float[np.ndarray, "m 3"]
-    outliers: Bool[np.ndarray, " m"]
+    at_samples: AtSamples | None
+    n_samples: int
     stop: StopReason
     converged: bool
     tolerance: float | None
@@ -112,9 +120,36 @@ class FitResult:
     warnings: tuple[str, ...]
     provenance: Mapping[str, Any]
 
+    @property
+    def samples(self) -> Samples:
+        """The samples it was fitted to, (m,).
+
+        **Raises:** `InputError` for a stored map, of which nothing is kept sample by sample.
+        """
+        return self._kept.samples
+
+    @property
+    def residuals(self) -> Float[np.ndarray, " m"] | Float[np.ndarray, "m 3"]:
+        """Value minus surface at each sample, (m,) for heights, (m, 3) for points in space; as for `samples`."""
+        return self._kept.residuals
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, " m"]:
+        """Samples that were set aside, (m,); as for `samples`."""
+        return self._kept.outliers
+
+    @property
+    def _kept(self) -> AtSamples:
+        if self.at_samples is None:
+            raise InputError(
+                "samples and residuals of a stored map are not kept in memory; compare a window of it with "
+                "result.surface.at(x, y)"
+            )
+        return self.at_samples
+
     def __repr__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         return (
-            f"FitResult({len(self.samples)} samples, {self.control_points} control points, {self.elements} elements, "
+            f"FitResult({self.n_samples} samples, {self.control_points} control points, {self.elements} elements, "
             f"max error {self.max_error:.4g}{unit}, rms {self.rms_error:.4g}{unit}, stop: {self.stop})"
         )

@@ -110,7 +110,7 @@ def run_best_lattice(problem: Problem, *, progress: bool = False) -> tuple[Probl
     """
     best: tuple[Problem, Run] | None = None
     for elements in TRIALS:
-        lattice = scaled_lattice(problem.data.frame, elements)
+        lattice = scaled_lattice(problem.source.frame, elements)
         best = _better(best, restart(problem, lattice, "s"), progress)
     assert best is not None
     forest = best[0].start.forest

@@ -84,14 +84,14 @@ class _Trial:
         bending = smoothing * jnp.sum(energies)
         rest = self.squares - 2 * products[:values].sum() + forms[:values].sum() - bending
         freedom = float(products[values:].mean())
-        counted = problem.n_counted
+        counted = problem.source.n_counted
         return counted * max(float(rest), 0.0) / max(counted - freedom, 1e-3) ** 2
 
 
 def _probed_moments(problem: Problem, state: State) -> Moments:
     """Moments of the values and, as further components, of random signs."""
-    weights, mesh = problem.data.weights, state.mesh
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(problem.n_samples, PROBES))
+    weights, mesh = problem.request.samples.weights, state.mesh
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(problem.source.n_samples, PROBES))
     if weights is not None:  # √w: the smoother of the weighted problem acts on √w v
         signs /= np.sqrt(np.where(weights > 0, weights, 1))[:, None]
     assert isinstance(problem.samples, AbstractHeldSamples)
@@ -104,7 +104,7 @@ def _probed_moments(problem: Problem, state: State) -> Moments:
 
 def _square_sum(problem: Problem) -> float:
     """Σ w v² of the fitted values."""
-    data, scaling = problem.data, problem.scaling
-    values = (data.values[problem.counted].astype(np.float64) - scaling.offset) / scaling.factor
-    weights = 1.0 if data.weights is None else data.weights[problem.counted, None]
+    request, scaling = problem.request, problem.scaling
+    values = (request.samples.values[request.counted].astype(np.float64) - scaling.offset) / scaling.factor
+    weights = 1.0 if request.samples.weights is None else request.samples.weights[request.counted, None]
     return float(np.sum(weights * values**2))
