@@ -143,3 +143,12 @@ def test_plate_with_particles(size, relative):
     assert result.converged
     assert result.max_error <= relative * result.range
     assert result.control_points < 0.5 * data.heights.size
+
+
+def test_stages_account_for_the_seconds():
+    """Every step says where its time went, in stages that add up to nearly all of it."""
+    result = tsj.fit(bump(), tolerance=1e-3)
+    for step in result.history:
+        assert set(step.stages) == {"topology", "functions", "moments", "solve", "residuals"}
+        assert all(seconds >= 0 for seconds in step.stages.values())
+        assert sum(step.stages.values()) <= step.seconds

@@ -9,6 +9,7 @@ cause.
 import time
 from dataclasses import dataclass, replace
 
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -25,6 +26,7 @@ from ._residuals import all_residuals, residuals
 from ._result import Step, StopReason
 from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
+from ._stopwatch import Stopwatch
 from ._store import (
     Chosen,
     Store,
@@ -85,20 +87,24 @@ class State:
     @property
     def alive(self) -> bool:
         """Whether the device rows are still this state's own."""
-        return not self.store.points.is_deleted()
+        return not any(part.is_deleted() for part in jax.tree.leaves(self.store))
 
 
 def begin(problem: Problem) -> State:
     """Fit the start lattice."""
-    started = time.perf_counter()
+    watch, started = Stopwatch(), time.perf_counter()
     mesh = discretise(problem.start, problem.least_capacity)
+    watch.lap("topology")
     store = _fresh_store(problem, mesh)
+    watch.lap("functions", store)
     coefficients = to_device(np.zeros((mesh.capacity, problem.dimension)), problem.dtype)
     store, tally = _accumulate(problem, mesh, store, coefficients, empty_tally(len(mesh.slots)), mesh.slots)
+    watch.lap("moments", store)
     store = _assemble(problem, store, _every(mesh))
     coefficients = _solve_long(problem, mesh, store, coefficients, 0.0)
+    watch.lap("solve", coefficients)
     state = State(mesh, store, coefficients, tally, np.zeros(0), np.inf, True, (), started)
-    return _measured(problem, state, mesh.slots, started)
+    return _measured(problem, state, mesh.slots, watch)
 
 
 def advance(problem: Problem, state: State) -> State:
@@ -110,12 +116,13 @@ def advance(problem: Problem, state: State) -> State:
     """
     if not state.alive:
         raise InputError("a state is advanced once: its device arrays moved on into the next one; advance that instead")
-    started = time.perf_counter()
+    watch = Stopwatch()
     refinement, stage = _refine(problem, state)
     if refinement is None:
         return replace(state, exhausted=True)
     step = change(state.mesh, refinement, problem.least_capacity)
     mesh = step.mesh
+    watch.lap("topology")
     if state.store.capacity < mesh.capacity:
         state = replace(
             state, store=grow(state.store, mesh.capacity), coefficients=grow(state.coefficients, mesh.capacity)
@@ -126,26 +133,30 @@ def advance(problem: Problem, state: State) -> State:
     else:
         changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
         store = with_mesh(state.store, mesh, touched)
+    watch.lap("functions", (store, coefficients))
     store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
+    watch.lap("moments", store)
     store = _assemble(problem, store, choose(touched, mesh.capacity))
     least_move = LOOSE * max(1.0, stage) * problem.criterion.resolution(tally)
     coefficients, affected = _solve_step(problem, mesh, store, coefficients, step.kept < 0, least_move)
+    watch.lap("solve", coefficients)
     after = replace(state, mesh=mesh, store=store, coefficients=coefficients, tally=tally, stage=stage, polished=False)
-    return _measured(problem, after, mesh.slots if problem.rational else affected, started)
+    return _measured(problem, after, mesh.slots if problem.rational else affected, watch)
 
 
 def polish(problem: Problem, state: State) -> State:
     """The same step after a long solve for all control points."""
-    started = time.perf_counter() - state.history[-1].seconds
+    watch = Stopwatch(state.history[-1])
     least_move = FINE * problem.criterion.resolution(state.tally)
     coefficients = _solve_long(problem, state.mesh, state.store, state.coefficients, least_move)
-    return with_coefficients(problem, replace(state, polished=True), coefficients, started)
+    watch.lap("solve", coefficients)
+    return with_coefficients(problem, replace(state, polished=True), coefficients, watch)
 
 
-def with_coefficients(problem: Problem, state: State, coefficients: Array, started: float) -> State:
+def with_coefficients(problem: Problem, state: State, coefficients: Array, watch: Stopwatch) -> State:
     """The same step with other coefficients, measured anew."""
     after = replace(state, coefficients=coefficients, history=state.history[:-1])
-    return _measured(problem, after, state.mesh.slots, started)
+    return _measured(problem, after, state.mesh.slots, watch)
 
 
 def revived(problem: Problem, state: State) -> State:
@@ -155,8 +166,7 @@ def revived(problem: Problem, state: State) -> State:
     slots = np.arange(len(state.mesh.slots))
     mesh = replace(state.mesh, slots=slots)
     again = replace(state, mesh=mesh, store=_fresh_store(problem, mesh), tally=empty_tally(len(slots)))
-    started = time.perf_counter() - state.history[-1].seconds
-    return with_coefficients(problem, again, state.coefficients, started)
+    return with_coefficients(problem, again, state.coefficients, Stopwatch(state.history[-1]))
 
 
 def remeasure(problem: Problem, state: State) -> State:
@@ -318,7 +328,7 @@ def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Arr
     return solution.coefficients
 
 
-def _measured(problem: Problem, state: State, affected: np.ndarray, started: float) -> State:
+def _measured(problem: Problem, state: State, affected: np.ndarray, watch: Stopwatch) -> State:
     """The state with residuals of the affected elements (device rows), every excess, and its line in the history."""
     mesh, tally, chosen = state.mesh, state.tally, choose(affected, state.mesh.capacity)
     store, energy = renew_points(state.store, state.coefficients, problem.extent, problem.lattice, chosen)
@@ -330,10 +340,11 @@ def _measured(problem: Problem, state: State, affected: np.ndarray, started: flo
         tally = tally.with_explained(affected, explained[: len(affected)])
     excess = problem.criterion.excess(mesh, tally, problem.dimension)
     after = replace(state, store=store, tally=tally, excess=excess)
-    return replace(after, history=(*state.history, _entry(problem, after, started)))
+    watch.lap("residuals")
+    return replace(after, history=(*state.history, _entry(problem, after, watch)))
 
 
-def _entry(problem: Problem, state: State, started: float) -> Step:
+def _entry(problem: Problem, state: State, watch: Stopwatch) -> Step:
     """The step's line in the history, in the data's unit."""
     factor, tally = problem.scaling.factor, state.tally
     error = float(tally.plain.sum())
@@ -349,7 +360,8 @@ def _entry(problem: Problem, state: State, started: float) -> Step:
         snr_db_centred=_decibel(centred, error * factor**2),
         objective=objective * factor**2,
         tolerance=problem.criterion.stage_tolerance(max(1.0, state.stage), factor),
-        seconds=time.perf_counter() - started,
+        seconds=watch.seconds,
+        stages=watch.stages,
     )
 
 

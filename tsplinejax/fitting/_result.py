@@ -56,6 +56,9 @@ class Step:
     - `objective`: Σ w r² + λ E, from residuals.
     - `tolerance`: the stage's own tolerance; `None` for a fit to noise.
     - `seconds`: wall time of the step.
+    - `stages`: its parts: `topology` (mark, refine, find Bézier elements), `functions` (transfer and extraction),
+      `moments` (sums over the samples of changed elements), `solve` (normal matrices and conjugate gradients),
+      `residuals` (of the samples where the surface changed).
     """
 
     step: int
@@ -68,6 +71,7 @@ class Step:
     objective: float
     tolerance: float | None
     seconds: float
+    stages: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)

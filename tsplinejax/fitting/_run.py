@@ -5,7 +5,6 @@ a spacing between two of them, a lattice with another number of elements to the 
 control points; which one cannot be told without trying.
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ import numpy as np
 from ._adaptive import State, advance, begin, polish, revived, terminate, with_coefficients
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason
+from ._stopwatch import Stopwatch
 
 # Elements along the shorter side, one for each part of an octave; eight is also the default lattice's.
 TRIALS = (8, 5, 11, 6, 7)
@@ -78,8 +78,7 @@ def _polished(problem: Problem, state: State, limit: float = np.inf) -> State:
     polished = polish(problem, state)
     if polished.worst <= limit:
         return polished
-    started = time.perf_counter() - entry.seconds
-    return replace(with_coefficients(problem, polished, coefficients, started), polished=False)
+    return replace(with_coefficients(problem, polished, coefficients, Stopwatch(entry)), polished=False)
 
 
 @contextmanager
