@@ -108,9 +108,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
     report = {
         "model": str(target),
         "plot": None if picture is None else str(picture),
-        "checkpoint": None if checkpoint is None or not checkpoint.exists() else str(checkpoint),
         **report_of(result),
     }
+    if checkpoint is not None:
+        report["checkpoint"] = str(checkpoint) if checkpoint.exists() else None
     return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
 
 
@@ -202,7 +203,7 @@ def _lines(data: HeightMap | PointCloud, result: FitResult, report: dict[str, An
         ("time", f"{result.seconds:.1f} s, {report['steps']} steps"),
         ("written", ", ".join(name for name in (report["model"], report["plot"]) if name)),
     ]
-    if report["checkpoint"]:
+    if report.get("checkpoint"):
         rows.append(("checkpoint", f"{report['checkpoint']}: the next fit goes on from it"))
     if report["outliers"]:
         rows.insert(3, ("set aside", f"{report['outliers']} of {report['samples']} samples"))
