@@ -16,6 +16,7 @@ import os
 import time
 import warnings
 import zipfile
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cached_property
@@ -34,11 +35,13 @@ from ._adaptive import State, resumed
 from ._discretisation import discretise
 from ._problem import Problem
 from ._result import Step
+from ._source import AbstractSource, HeldSource, StoredSource
 from ._store import empty_store
 from ._tally import empty_tally
 
 KIND = "tsplinejax checkpoint 1"
 SHARE = 0.1  # of the time that writing may take
+BAND = 1 << 22  # pixels of a stored map that are read at once
 _DIGESTS = ("values", "parameters", "weights", "outliers")
 
 
@@ -118,14 +121,11 @@ class Checkpoint:
     @cached_property
     def _problem_named(self) -> dict[str, str]:
         """What tells this problem from others, budgets left out: digests of the data, and options in words."""
-        problem = self.problem
-        request, data, forest = problem.request, problem.data, require_forest(problem.start)
-        parts = (data.values, data.parameters, data.weights, request.outliers)
+        problem, request, forest = self.problem, self.problem.request, require_forest(self.problem.start)
         return {
             "version": __version__,
-            **{name: _digest(part) for name, part in zip(_DIGESTS, parts, strict=True)},
-            "grid": repr(data.grid_shape),
-            "frame": repr(data.frame),
+            **_digests(problem.source),
+            "frame": repr(problem.source.frame),
             "tolerance": repr(request.tolerance),
             "noise": repr(request.noise),
             "smoothing": repr(problem.smoothing),
@@ -141,8 +141,9 @@ class Checkpoint:
     def _compare(self, found: dict[str, str]) -> None:
         """Raise unless the file is of this problem."""
         for name, ours in self._problem_named.items():
-            if found[name] != ours:
-                differs = f"its {name} are others" if name in _DIGESTS else f"its {name} is {found[name]}, here {ours}"
+            theirs = found.get(name, "none")
+            if theirs != ours:
+                differs = f"its {name} are others" if name in _DIGESTS else f"its {name} is {theirs}, here {ours}"
                 raise _OtherProblemError(
                     f"a checkpoint goes on with the fit that wrote it, but {self.path} is of another: {differs}; "
                     "give the same data and options (budgets may differ), name another file, or delete it"
@@ -153,13 +154,27 @@ class _OtherProblemError(InputError):
     """A sound checkpoint, of other data or options."""
 
 
-def _digest(part: np.ndarray | None) -> str:
-    """SHA-256 of an array's type, shape and numbers."""
-    if part is None:
-        return "none"
-    array = np.ascontiguousarray(part)
-    digest = hashlib.sha256(f"{array.dtype.str} {array.shape}".encode())
-    digest.update(array.data.cast("B"))
+def _digests(source: AbstractSource) -> dict[str, str]:
+    """SHA-256 of what the samples are, part by part; a stored map is read once, in bands of rows."""
+    if isinstance(source, StoredSource):
+        rows, columns = source.stored.shape
+        step = max(1, BAND // columns)
+        bands = (slice(first, min(first + step, rows)) for first in range(0, rows, step))
+        values = (source.stored.window(band, slice(0, columns)) for band in bands)
+        return {"values": _digest(values, (rows, columns))}
+    assert isinstance(source, HeldSource)
+    data = source.samples
+    named = {"values": data.values, "parameters": data.parameters, "weights": data.weights, "outliers": source.outliers}
+    digests = {name: "none" if part is None else _digest([part], part.shape) for name, part in named.items()}
+    return {**digests, "grid": repr(data.grid_shape)}
+
+
+def _digest(parts: Iterable[np.ndarray], shape: tuple[int, ...]) -> str:
+    """SHA-256 of the shape, the type and the numbers of an array that comes in parts."""
+    digest = hashlib.sha256(repr(shape).encode())
+    for part in parts:
+        digest.update(part.dtype.str.encode())
+        digest.update(np.ascontiguousarray(part).data.cast("B"))
     return digest.hexdigest()
 
 
