@@ -169,6 +169,16 @@ def revived(problem: Problem, state: State) -> State:
     return with_coefficients(problem, again, state.coefficients, Stopwatch(state.history[-1]))
 
 
+def resumed(problem: Problem, state: State) -> State:
+    """A state whose device rows moved on, ready to advance: its rows, moments and normal matrices made again."""
+    mesh, watch = state.mesh, Stopwatch(state.history[-1])
+    store, tally = _accumulate(
+        problem, mesh, _fresh_store(problem, mesh), state.coefficients, empty_tally(len(mesh.slots)), mesh.slots
+    )
+    again = replace(state, store=_assemble(problem, store, _every(mesh)), tally=tally)
+    return replace(with_coefficients(problem, again, state.coefficients, watch), history=state.history)
+
+
 def remeasure(problem: Problem, state: State) -> State:
     """The same mesh for a problem with another smoothing: assembled and solved anew."""
     return polish(problem, replace(state, store=_assemble(problem, state.store, _every(state.mesh))))
