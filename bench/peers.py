@@ -6,7 +6,7 @@ left out of the seconds, as they are for ours.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,9 +46,7 @@ def uniform_sparse(places: np.ndarray, values: np.ndarray, lattice: Lattice, fil
     normal = design.T @ design
     if fill:
         normal = normal + fill * normal.diagonal().mean() * _second_differences((lattice[0] + 3, lattice[1] + 3))
-    factor = splu(
-        normal.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    factor = splu(normal.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     solution = factor.solve(design.T @ values)
     seconds = time.perf_counter() - started
     surface = NdBSpline(both, solution.reshape(lattice[0] + 3, lattice[1] + 3), 3)
@@ -118,16 +116,17 @@ def green(places: np.ndarray, values: np.ndarray, forces: int = 32, damping: flo
 
 
 def hierarchical(
-    places: np.ndarray, values: np.ndarray, limit: float, lattice: Lattice, extension: int, max_seconds: float
-) -> Fitted:
-    """G+Smo's adaptive fit with truncated hierarchical B-splines.
+    places: np.ndarray, values: np.ndarray, limit: float, lattice: Lattice, extension: int
+) -> Iterator[Fitted]:
+    """G+Smo's adaptive fit with truncated hierarchical B-splines, step by step until the limit is met.
 
-    Its Python package has the basis and the least-squares fit, but not the loop (`gsHFitting`): this is that loop, which
-    refines every cell with an error above the limit, and `extension` cells of the finer level around it.
+    Its Python package has the basis and the least-squares fit, but not the loop (`gsHFitting`): this is that loop,
+    which refines every cell with an error above the limit, and `extension` cells of the finer level around it. It
+    gives up at half as many functions as samples, as ours does.
     """
     import pygismo
 
-    started = time.perf_counter()
+    started, seconds = time.perf_counter(), 0.0
     vectors = [pygismo.nurbs.gsKnotVector(knots(elements).tolist(), 3) for elements in lattice]
     basis = pygismo.hsplines.gsTHBSplineBasis2(pygismo.nurbs.gsTensorBSplineBasis2(*vectors))
     levels = np.zeros(lattice, int)  # of the cells of the finest level so far
@@ -141,22 +140,21 @@ def hierarchical(
             predicted = fitting.result().eval(at)[0]
         # Written so that what the fit could not determine (NaN) violates, too.
         violating = ~(np.abs(predicted - values) <= limit)
-        seconds = time.perf_counter() - started
-        if not violating.any() or seconds > max_seconds:
-            break
+        seconds += time.perf_counter() - started
+        remark = f"from {lattice[0]} × {lattice[1]}" + ("; tolerance not met" if violating.any() else "")
+        # The surface is a reference into the fit, and valid until the basis is refined.
+        yield Fitted(
+            basis.size(), seconds, lambda to, fit=fitting: fit.result().eval(np.ascontiguousarray(to.T))[0], remark
+        )
+        if not violating.any() or 2 * basis.size() > len(values):
+            return
+        started = time.perf_counter()
         cells = np.minimum((places[violating] * levels.shape).astype(int), np.array(levels.shape) - 1)
         own = levels[cells[:, 0], cells[:, 1]]
         cells = np.unique(np.column_stack([own, cells >> (deepest - own)[:, None]]), axis=0)
         if own.max() == deepest:
             levels, deepest = np.kron(levels, np.ones((2, 2), int)), deepest + 1
         basis.refineElements(_boxes(cells, levels, deepest, extension))
-    remark = f"from {lattice[0]} × {lattice[1]}" + (f", stopped after {max_seconds:g} s" if violating.any() else "")
-
-    def evaluate(at: np.ndarray) -> np.ndarray:
-        # The surface is a reference into the fit, which must live on with it.
-        return fitting.result().eval(np.ascontiguousarray(at.T))[0]
-
-    return Fitted(basis.size(), seconds, evaluate, remark)
 
 
 def _boxes(cells: np.ndarray, levels: np.ndarray, deepest: int, extension: int) -> list[int]:
