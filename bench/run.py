@@ -18,8 +18,8 @@ HERE = Path(__file__).parent
 #: Arguments that make a benchmark small enough to be tried.
 SMALL = {
     "batch": ["4", "2", "1", "2"],
-    "fig5": ["64", "30"],
-    "growth": ["12", "14", "14"],
+    "fig5": ["64", "20"],
+    "growth": ["14", "16", "16", "3"],
     "monotone": ["3"],
     "peers": ["64"],
     "speed": ["64", "128"],
