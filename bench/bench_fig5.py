@@ -10,6 +10,7 @@ mean removed). Times at a ratio are interpolated between fits; `results/fig5_ste
 import sys
 from collections.abc import Callable
 from itertools import accumulate, pairwise
+from typing import Any
 
 import jax
 from paper import Reached, fit_globally
@@ -22,7 +23,7 @@ import tsplinejax as tsj  # noqa: E402
 
 SURFACES = {"T1": "T1, laser bumps", "T2": "T2, plate with particles"}
 TOLERANCES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # of the range
-PAPER = {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 40}
+PAPER: dict[str, Any] = {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 40}
 METHODS = {
     "paper, global": fit_globally,
     "paper, local": lambda height_map, tolerance: _ours(height_map, tolerance, **PAPER),
@@ -43,7 +44,8 @@ def main(size: int = 512, asked: int = 60) -> None:
                 steps += lines
                 rows.append(lines[-1])
                 print(rows[-1], file=sys.stderr, flush=True)
-    keep("fig5", rows, **{f"seconds_at_{asked}_dB_over_paper_global": ratios(rows, asked)}, asked=0.1)
+    notes: dict[str, Any] = {f"seconds_at_{asked}_dB_over_paper_global": ratios(rows, asked), "asked": 0.1}
+    keep("fig5", rows, **notes)
     keep("fig5_steps", steps)
 
 

@@ -296,4 +296,4 @@ METHODS: dict[str, Callable[[Case, str], list[dict]]] = {
 
 
 if __name__ == "__main__":
-    main(*(int(argument) if argument.isdigit() else argument for argument in sys.argv[1:]))
+    main(int((sys.argv[1:] or ["0"])[0]), *sys.argv[2:])

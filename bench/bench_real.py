@@ -5,6 +5,7 @@ elevation model that ships with matplotlib.
 """
 
 import sys
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,6 +16,12 @@ jax.config.update("jax_enable_x64", True)
 
 import tsplinejax as tsj  # noqa: E402
 
+WAYS: dict[str, dict[str, Any]] = {
+    "10 %": {"relative_tolerance": 0.1},
+    "robust 5 %": {"relative_tolerance": 0.05, "robust": True},
+    "noise": {"noise": "auto", "robust": True},
+}
+
 
 def main(*only: str) -> None:
     """Fit every measured surface, or only those named, in three ways."""
@@ -22,11 +29,7 @@ def main(*only: str) -> None:
     for name, data in [("jacksboro", jacksboro()), *measured()]:
         if only and name not in only:
             continue
-        for label, options in (
-            ("10 %", {"relative_tolerance": 0.1}),
-            ("robust 5 %", {"relative_tolerance": 0.05, "robust": True}),
-            ("noise", {"noise": "auto", "robust": True}),
-        ):
+        for label, options in WAYS.items():
             rows.append(row(name, label, tsj.fit(data, **options)))
             print(rows[-1], file=sys.stderr)
     keep("real" if not only else "real_part", rows)

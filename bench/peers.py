@@ -50,7 +50,7 @@ def uniform_sparse(places: np.ndarray, values: np.ndarray, lattice: Lattice, fil
     solution = factor.solve(design.T @ values)
     seconds = time.perf_counter() - started
     surface = NdBSpline(both, solution.reshape(lattice[0] + 3, lattice[1] + 3), 3)
-    return Fitted(design.shape[1], seconds, surface, f"{lattice[0]} × {lattice[1]}")
+    return Fitted(len(solution), seconds, surface, f"{lattice[0]} × {lattice[1]}")
 
 
 def _second_differences(shape: tuple[int, int]):
@@ -58,7 +58,7 @@ def _second_differences(shape: tuple[int, int]):
     from scipy.sparse import diags_array, eye_array, kron
 
     def squared(n: int):
-        rows = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(n - 2, n))
+        rows = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(n - 2, n))  # pyright: ignore[reportArgumentType]
         return rows.T @ rows
 
     return kron(squared(shape[0]), eye_array(shape[1])) + kron(eye_array(shape[0]), squared(shape[1]))

@@ -30,7 +30,8 @@ def jacksboro() -> tsj.HeightMap:
     """The elevation model that ships with matplotlib, as `tsplinejax demo` fits it but without units."""
     from matplotlib.cbook import get_sample_data
 
-    return tsj.HeightMap(get_sample_data("jacksboro_fault_dem.npz")["elevation"].astype(float), (1.0, 1.0))
+    with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as grid:
+        return tsj.HeightMap(grid["elevation"].astype(float), (1.0, 1.0))
 
 
 def measured(names: tuple[str, ...] = MAPS) -> Iterator[tuple[str, tsj.HeightMap]]:
