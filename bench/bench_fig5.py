@@ -2,7 +2,7 @@
 
 On its two kinds of surface: laser bumps (T1) and a plate with particles (T2), each to falling tolerances. The paper's
 way is dyadic refinement with every element above the tolerance bisected, solved for all control points from all samples
-in each step ("paper, global") or for those near a change ("paper, local"). Ours is the default fit. Seconds are those
+in each step ("paper global") or for those near a change ("paper local"). Ours is the default fit. Seconds are those
 of the whole fit, in the second of two runs (of one run where that takes above 20 s); the ratio of Eq. 7 is centred (the
 mean removed). Times at a ratio are interpolated between fits; `results/fig5_steps.json` has every step of each.
 """
@@ -21,12 +21,12 @@ jax.config.update("jax_enable_x64", True)
 
 import tsplinejax as tsj  # noqa: E402
 
-SURFACES = {"T1": "T1, laser bumps", "T2": "T2, plate with particles"}
+SURFACES = {"T1": "laser bumps (T1)", "T2": "plate with particles (T2)"}
 TOLERANCES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # of the range
 PAPER: dict[str, Any] = {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 40}
 METHODS = {
-    "paper, global": fit_globally,
-    "paper, local": lambda height_map, tolerance: _ours(height_map, tolerance, **PAPER),
+    "paper global": fit_globally,
+    "paper local": lambda height_map, tolerance: _ours(height_map, tolerance, **PAPER),
     "tsplinejax": lambda height_map, tolerance: _ours(height_map, tolerance),
 }
 LONG = 20.0  # seconds: of a longer fit compilation is a small part
@@ -66,7 +66,7 @@ def ratios(rows: list[dict], asked: float) -> dict[str, dict[str, float | str]]:
     }
     return {
         label: {
-            method: "not reached" if not seconds or not of["paper, global"] else round(seconds / of["paper, global"], 4)
+            method: "not reached" if not seconds or not of["paper global"] else round(seconds / of["paper global"], 4)
             for method, seconds in of.items()
         }
         for label, of in times.items()

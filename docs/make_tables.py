@@ -110,7 +110,7 @@ def _made(script: str, result: dict[str, Any]) -> str:
 def _question(script: str) -> str:
     """The first sentence of the script's docstring, without its full stop."""
     # A sentence ends where a capital follows: not at "Fig. 5".
-    return re.split(r"(?<=[?])\s|\.\s(?=[A-Z])|\.$", _docstring(script).replace("\n", " "), maxsplit=1)[0]
+    return re.split(r"(?<=[?])\s|\.\s+(?=[A-Z])|\.$", _docstring(script).replace("\n", " "), maxsplit=1)[0]
 
 
 def _notes(result: dict[str, Any]) -> str:
