@@ -95,6 +95,7 @@ def test_a_stopped_fit_goes_on_to_the_same_bits(case, path, monkeypatch):
     make, options = FITS[case]
     whole = tsj.fit(make(), **options)
     last = whole.history[-1].step
+    assert last > 1
     tsj.fit(make(), **{**options, "max_steps": 0}, checkpoint=path)
     monkeypatch.setattr(_run, "begin", lambda _: pytest.fail("began anew"))
     for step in range(1, last):
