@@ -130,11 +130,12 @@ def advance(problem: Problem, state: State) -> State:
     coefficients = _transferred(problem, state, step)
     if problem.rational:  # Σb changes weights and values of every altered neighbourhood: all of it is summed anew
         store, changed, touched = _fresh_store(problem, mesh), mesh.slots, mesh.slots
+        tally = empty_tally(len(mesh.slots))
     else:
         changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
-        store = with_mesh(state.store, mesh, touched)
+        store, tally = with_mesh(state.store, mesh, touched), state.tally.extended(len(mesh.slots))
     watch.lap("functions", (store, coefficients))
-    store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
+    store, tally = _accumulate(problem, mesh, store, coefficients, tally, changed)
     watch.lap("moments", store)
     store = _assemble(problem, store, choose(touched, mesh.capacity))
     least_move = LOOSE * max(1.0, stage) * problem.criterion.resolution(tally)
