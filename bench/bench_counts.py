@@ -1,8 +1,8 @@
 """How few control points? The case studies to 1, 0.5 and 0.1 % of the range, beside the best peers' published figures.
 
 The global solver, and the default local one beside it. Every fit is saved, loaded again and evaluated at every sample
-by the loaded model; `max error` is that evaluation's. Then medians over ten seeds, shifts and rotations of T1 and T2, at
-512 × 512 and at 640 × 480 pixels with dx ≠ dy.
+by the loaded model; `max error` is that evaluation's. Then medians over ten seeds, shifts and rotations of T1 and T2,
+at 512 × 512 and at 640 × 480 pixels with dx ≠ dy.
 """
 
 import sys
