@@ -15,6 +15,8 @@ from .data import (
 )
 from .fitting import (
     BatchItem as BatchItem,
+    DaskEngine as DaskEngine,
+    DevicesEngine as DevicesEngine,
     FitResult as FitResult,
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,

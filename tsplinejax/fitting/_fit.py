@@ -17,6 +17,7 @@ from ..surface import TSpline, make_surface
 from ._adaptive import State, residuals_of
 from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
 from ._energy import default_smoothing
+from ._engines import AbstractEngine
 from ._options import Length, Request, read_request, read_stored_request
 from ._pages import most_control_points
 from ._problem import Budget, Problem, pose, start_lattice
@@ -47,6 +48,7 @@ def fit(
     progress: bool = False,
     as_surface: bool = False,
     max_memory: float = 4e9,
+    engine: AbstractEngine | None = None,
 ) -> FitResult:
     """Fit a T-spline to measured data, refining until the criterion is met.
 
@@ -75,6 +77,8 @@ def fit(
     - `as_surface`: fit a cloud's points in space (x, y, z) over planar parameters, not z alone.
     - `max_memory`: bytes that the fit of a stored map may take; it sets the size of a page and the largest number of
       control points. Residuals of a stored map are not kept, and weights and `robust` need data in memory.
+    - `engine`: who works on the pages of a stored map: `DaskEngine(client)` or `DevicesEngine()`; by default this
+      process, page after page.
 
     **Returns:** a [`FitResult`][tsplinejax.FitResult]. That a budget ran out is said there, not raised; interrupting
     (Ctrl-C) returns the best step so far.
@@ -106,6 +110,7 @@ def fit(
         dtype=dtype,
         as_surface=as_surface,
         max_memory=max_memory,
+        engine=engine,
     )
     if lattice == "auto":
         problem, outcome = run_best_lattice(problem, progress=progress)
@@ -137,6 +142,7 @@ def pose_fit(
     dtype: DTypeLike | None = None,
     as_surface: bool = False,
     max_memory: float = 4e9,
+    engine: AbstractEngine | None = None,
 ) -> Problem:
     """Make everything ready for a fit that is driven by hand, with `begin`, `advance` and `terminate`.
 
@@ -165,7 +171,13 @@ def pose_fit(
                 "weights, robust=True and as_surface=True need data in memory; this map is stored elsewhere; leave "
                 "them out, or read it: HeightMap(numpy.asarray(data))"
             )
-        request = read_stored_request(data, **criterion, max_memory=_checked_memory(max_memory))
+        memory, engine = _checked_memory(max_memory), _checked_engine(engine)
+        request = read_stored_request(data, **criterion, max_memory=memory, engine=engine)
+    elif engine is not None:
+        raise InputError(
+            "an engine works on the pages of a stored map; data in memory are fitted in this process; leave engine "
+            "out, or pass a StoredMap"
+        )
     else:
         request = read_request(data, **criterion, weights=weights, robust=robust, as_surface=as_surface)
     budget = _checked_budget(max_steps, max_control_points, max_seconds)
@@ -269,6 +281,13 @@ def _checked_memory(max_memory: float) -> float:
     if not np.isfinite(max_memory) or max_memory < 2e8:
         raise InputError(f"max_memory is a number of bytes, at least 2e8; received {max_memory!r}; try 4e9")
     return float(max_memory)
+
+
+def _checked_engine(engine: AbstractEngine | None) -> AbstractEngine | None:
+    """An engine, or none."""
+    if engine is not None and not isinstance(engine, AbstractEngine):
+        raise InputError(f"an engine is DaskEngine(client) or DevicesEngine(); received {type(engine).__name__}")
+    return engine
 
 
 def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> dict[str, Any]:
