@@ -289,8 +289,8 @@ def _working_dtype(stored: np.dtype) -> np.dtype:
 
 
 def _spread(length: int, part: int, count: int) -> list[int]:
-    """Where `count` parts of a length begin, evenly from one end to the other."""
-    return [int(first) for first in np.linspace(0, length - part, count)]
+    """Where `count` parts of a length begin, each in the middle of its share."""
+    return [int(first) for first in (np.arange(count) + 0.5) * length / count - part / 2]
 
 
 def _release(heights: Any) -> None:
