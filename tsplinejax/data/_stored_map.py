@@ -14,7 +14,7 @@ from ._frame import Frame, finite_pair
 from ._height_map import HeightMap, checked_spacing
 from ._units import canonical_unit
 
-_WINDOW = 2048  # pixels along a side of a window of the first pass
+_WINDOW = 1024  # pixels along a side of a window of the first pass
 _BLOCK = 128  # pixels along a side of a block by which the map is judged
 
 
