@@ -5,6 +5,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+BENCHED := $(VENV)/.installed-bench
+NAMES ?=
 DEMO_OUTPUT := demo-output
 
 # Compiled kernels are kept between processes: the command line's tests would otherwise compile them again and again.
@@ -45,8 +47,14 @@ types: $(INSTALLED) ## Check types
 docs: $(INSTALLED) ## Build the documentation into build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-bench: $(INSTALLED) ## Run the benchmarks against the peers
-	set -e; for script in bench/bench_*.py; do $(BIN)/python $$script; done
+$(BENCHED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	@# G+Smo has wheels for some platforms only; without one its rows say that it is not installed.
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary :all: "pygismo>=26,<27"
+	touch $@
+
+bench: $(BENCHED) ## Run the benchmarks against the peers; NAMES="speed start" runs some of them
+	$(BIN)/python bench/run.py $(NAMES); code=$$?; $(BIN)/python docs/make_tables.py; exit $$code
 
 clean: ## Remove the virtual environment and everything generated
 	rm -rf $(VENV) $(DEMO_OUTPUT) build dist .pytest_cache .ruff_cache .hypothesis

@@ -32,7 +32,8 @@ def main(surfaces: int = 200) -> None:
             fits[name].append(result)
         if seed % 20 == 19:
             print(f"{seed + 1} surfaces", file=sys.stderr)
-    both = np.array([[fit.converged for fit in fits[name]] for name in list(METHODS)[:2]]).all(axis=0)
+    converged = ([fit.converged for fit in fits[name]] for name in list(METHODS)[:2])
+    both = np.array([all(pair) for pair in zip(*converged, strict=True)])
     rows = [_row(name, results, both) for name, results in fits.items()]
     ratio = rows[1]["control points"] / rows[0]["control points"]
     keep("monotone", rows, surfaces=surfaces, reachable=int(both.sum()), local_over_global=round(ratio, 4))

@@ -5,45 +5,34 @@ elevation model that ships with matplotlib.
 """
 
 import sys
-from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from reporting import keep
+from surfaces import jacksboro, measured
 
 jax.config.update("jax_enable_x64", True)
 
 import tsplinejax as tsj  # noqa: E402
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
-MAPS = ("mnt-2.mnt", "frt-1.frt", "tmd-1.tmd", "x3p-2.x3p", "sur-2.sur", "opd-1.opd", "SainteHelens.dem")
+WAYS: dict[str, dict[str, Any]] = {
+    "10 %": {"relative_tolerance": 0.1},
+    "robust 5 %": {"relative_tolerance": 0.05, "robust": True},
+    "noise": {"noise": "auto", "robust": True},
+}
 
 
 def main(*only: str) -> None:
     """Fit every measured surface, or only those named, in three ways."""
     rows = []
-    for name, data in surfaces():
+    for name, data in [("jacksboro", jacksboro()), *measured()]:
         if only and name not in only:
             continue
-        for label, options in (
-            ("10 %", {"relative_tolerance": 0.1}),
-            ("robust 5 %", {"relative_tolerance": 0.05, "robust": True}),
-            ("noise", {"noise": "auto", "robust": True}),
-        ):
+        for label, options in WAYS.items():
             rows.append(row(name, label, tsj.fit(data, **options)))
             print(rows[-1], file=sys.stderr)
     keep("real" if not only else "real_part", rows)
-
-
-def surfaces():
-    """Yield the name and the data of each measured surface that is there."""
-    from matplotlib.cbook import get_sample_data
-
-    dem = get_sample_data("jacksboro_fault_dem.npz")
-    yield "jacksboro", tsj.HeightMap(dem["elevation"].astype(float), (1.0, 1.0))
-    for name in MAPS:
-        if (SHARED / name).exists():
-            yield name, tsj.read(SHARED / name)
 
 
 def row(name: str, label: str, result: tsj.FitResult) -> dict:

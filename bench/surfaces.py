@@ -1,20 +1,46 @@
-"""Seeded surfaces for the benchmarks: the case studies at any resolution, and a random generator."""
+"""Surfaces for the benchmarks: the case studies at any resolution, measured ones, and a seeded random generator."""
+
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 import tsplinejax as tsj
-from tsplinejax.data import laser_textured_disk, plate_with_particles, sparse_bumps
+from tsplinejax.data import laser_textured_disk, plate_with_particles, sparse_bumps, structured_with_missing
+
+#: Measured surfaces beside the repository, not part of it.
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+MAPS = ("mnt-2.mnt", "frt-1.frt", "tmd-1.tmd", "x3p-2.x3p", "sur-2.sur", "opd-1.opd", "SainteHelens.dem")
 
 
-def case_study(name: str) -> tsj.HeightMap:
-    """T1, T2, T5 or T6 of the reference figures."""
+def case_study(name: str, size: int | None = None) -> tsj.HeightMap:
+    """T1, T2, T4, T5 or T6 of the reference figures; `size` is the number of pixels along each side."""
+    side = size or (2048 if name == "T5" else 512)
     makers = {
-        "T1": lambda: laser_textured_disk(),
-        "T2": lambda: plate_with_particles(),
-        "T5": lambda: laser_textured_disk((2048, 2048), bumps=24, scale=0.25),
-        "T6": lambda: sparse_bumps(),
+        "T1": laser_textured_disk,
+        "T2": plate_with_particles,
+        "T4": structured_with_missing,
+        "T5": lambda shape: laser_textured_disk(shape, bumps=24, scale=0.25),
+        "T6": sparse_bumps,
     }
-    return makers[name]()
+    return makers[name]((side, side))
+
+
+def jacksboro() -> tsj.HeightMap:
+    """The elevation model that ships with matplotlib, as `tsplinejax demo` fits it but without units."""
+    from matplotlib.cbook import get_sample_data
+
+    with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as grid:
+        return tsj.HeightMap(grid["elevation"].astype(float), (1.0, 1.0))
+
+
+def measured(names: tuple[str, ...] = MAPS) -> Iterator[tuple[str, tsj.HeightMap]]:
+    """The measured maps that are there."""
+    for name in names:
+        if (SHARED / name).exists():
+            data = tsj.read(SHARED / name)
+            assert isinstance(data, tsj.HeightMap)
+            yield name, data
 
 
 def random_surface(seed: int) -> tsj.HeightMap:

@@ -1,8 +1,8 @@
 """Results of the benchmarks as tables: `python docs/make_tables.py` writes docs/benchmarks.md and the README's table.
 
-Every bench/results/NAME.json (written by `bench/bench_NAME.py`) becomes a section of the page: what its script asks, in
-the words of the script's docstring, the rows it measured, and with which versions. In the README it is one line: the
-question, and the notes as the answer. Without results both say how to make them.
+Every `bench/bench_NAME.py` becomes a section of the page: what it asks, in the words of its docstring, and the rows,
+versions and machine of each result that it left in bench/results; "not run" where it left none. In the README it is one
+line: the question, and the notes as the answer. Pictures are drawn from the same results.
 """
 
 import ast
@@ -13,77 +13,114 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "benchmarks.md"
-RESULTS = ROOT / "bench" / "results"
+BENCH, RESULTS, IMAGES = ROOT / "bench", ROOT / "bench" / "results", ROOT / "docs" / "images"
 OPENING, CLOSING = "<!-- compared: written by docs/make_tables.py -->", "<!-- end of compared -->"
 
 INTRODUCTION = """# Benchmarks
 
 Written by `docs/make_tables.py` from `bench/results/*.json`; `make bench` measures them anew. Accuracy stands beside
-seconds, and peers run in the same process. Surfaces T1 (laser-textured disk), T2 (plate with particles; T2n with 1 % of
-noise), T3 (scattered Peaks), T5 (T1 with 2048 × 2048 pixels) and T6 (sparse bumps) are those of `tsplinejax.data`.
+seconds, and peers run in the same process, or are marked as quoted. Surfaces T1 (laser-textured disk), T2 (plate with
+particles; T2n with 1 % of noise), T3 (scattered Peaks), T4 (pillars, of which a fifth is missing), T5 (T1 with
+2048 × 2048 pixels) and T6 (sparse bumps) are those of `tsplinejax.data`.
 """
-NOTHING = "No results yet: `make bench` measures, `python docs/make_tables.py` writes them here.\n"
+NOT_RUN = "not run"
+#: Pictures by result: file and description.
+PICTURES = {
+    "growth": {"bench_growth.png": "Seconds over samples and over control points, both on logarithmic axes"},
+    "fig5": {"bench_fig5.png": "Seconds over the signal-to-noise ratio, for the paper's fits and ours"},
+}
+#: Results that are too long for a table.
+UNLISTED = {"fig5_steps"}
 
 
 def documents() -> dict[Path, str]:
     """The page and the README as they should be."""
-    results = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("*.json"))]
-    results = [result for result in results if _docstring(result["benchmark"])]  # of a script that is still there
-    page = "\n".join([INTRODUCTION, *(map(_section, results) if results else [NOTHING])])
+    results = _results()
+    page = "\n".join([INTRODUCTION, *(_section(script, found) for script, found in results.items())])
     before, _, rest = README.read_text(encoding="utf-8").partition(OPENING)
     after = rest.partition(CLOSING)[2]
     return {PAGE: page, README: f"{before}{OPENING}\n{_summary(results)}{CLOSING}{after}"}
 
 
-def _summary(results: list[dict[str, Any]]) -> str:
-    """The README's table: one line a benchmark."""
-    if not results:
-        return NOTHING
-    rows = [{"what is measured": _question(result), "result": _notes(result) or _link(result)} for result in results]
+def _results() -> dict[str, list[dict[str, Any]]]:
+    """The results of each script, by its name; those of a script that is gone are left out."""
+    results = {path.stem.removeprefix("bench_"): [] for path in sorted(BENCH.glob("bench_*.py"))}
+    for path in sorted(RESULTS.glob("*.json")):
+        result = json.loads(path.read_text(encoding="utf-8"))
+        script = _script_of(result, list(results))
+        if script is not None and result["benchmark"] not in UNLISTED:
+            results[script].append(result)
+    return results
+
+
+def _script_of(result: dict[str, Any], scripts: list[str]) -> str | None:
+    """The script that left a result: it says so itself, or its name begins with the script's."""
+    name = result.get("script", "").removeprefix("bench_").removesuffix(".py") or result["benchmark"]
+    parts = name.split("_")
+    prefixes = ("_".join(parts[:length]) for length in range(len(parts), 0, -1))
+    return next((prefix for prefix in prefixes if prefix in scripts), None)
+
+
+def _summary(results: dict[str, list[dict[str, Any]]]) -> str:
+    """The README's table: one line a script."""
+    rows = [{"what is measured": _question(script), "result": _answer(script, results[script])} for script in results]
     return f"{_table(rows)}\nAll rows, peers and versions: [benchmarks](docs/benchmarks.md).\n"
 
 
-def _link(result: dict[str, Any]) -> str:
-    """To a benchmark's section, for one whose rows have no summary."""
-    title = _title(result)
-    return f"[table](docs/benchmarks.md#{title.lower().replace(' ', '-')})"
+def _answer(script: str, found: list[dict[str, Any]]) -> str:
+    """The notes of a script's results, or where its table is."""
+    notes = "; ".join(filter(None, map(_notes, found)))
+    title = _title(script)
+    return notes or (f"[table](docs/benchmarks.md#{title.lower().replace(' ', '-')})" if found else NOT_RUN)
 
 
-def _title(result: dict[str, Any]) -> str:
-    return result["benchmark"].replace("_", " ").capitalize()
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
 
 
-def _section(result: dict[str, Any]) -> str:
-    """One benchmark of the page."""
-    name, notes = result["benchmark"], _notes(result)
-    versions = ", ".join(f"{package} {version}" for package, version in result["versions"].items())
-    machine = result["machine"]
-    made = f"By `bench/bench_{name}.py` with {versions}, Python {machine['python']}, {machine['cores']} cores.\n"
-    parts = [
-        f"## {_title(result)}\n",
-        _docstring(name) + "\n",
-        _table(result["rows"]),
-        f"{notes}.\n" if notes else "",
-        made,
-    ]
+def _section(script: str, found: list[dict[str, Any]]) -> str:
+    """One script's part of the page."""
+    parts = [f"## {_title(script)}\n", _docstring(script) + "\n"]
+    if not found:
+        parts.append(f"{NOT_RUN.capitalize()}.\n")
+    for result in found:
+        notes = _notes(result)
+        parts += [
+            f"### {_title(result['benchmark'])}\n" if len(found) > 1 else "",
+            *(f"![{text}](images/{name})\n" for name, text in PICTURES.get(result["benchmark"], {}).items()),
+            _table(result["rows"]),
+            f"{notes}.\n" if notes else "",
+            _made(script, result),
+        ]
     return "\n".join(part for part in parts if part)
 
 
-def _question(result: dict[str, Any]) -> str:
+def _made(script: str, result: dict[str, Any]) -> str:
+    """With what a result was measured."""
+    versions = ", ".join(f"{package} {version}" for package, version in result["versions"].items())
+    machine = result["machine"]
+    memory = f", {machine['memory GB']} GB" if machine.get("memory GB") else ""
+    command = result.get("command", f"python bench/bench_{script}.py")
+    return (
+        f"By `{command}` on {result['date']} with {versions}, Python {machine['python']}; "
+        f"{machine['processor']}, {machine['cores']} cores{memory}.\n"
+    )
+
+
+def _question(script: str) -> str:
     """The first sentence of the script's docstring, without its full stop."""
-    return re.split(r"(?<=[?])\s|\.\s|\.$", _docstring(result["benchmark"]).replace("\n", " "), maxsplit=1)[0]
+    # A sentence ends where a capital follows: not at "Fig. 5".
+    return re.split(r"(?<=[?])\s|\.\s+(?=[A-Z])|\.$", _docstring(script).replace("\n", " "), maxsplit=1)[0]
 
 
 def _notes(result: dict[str, Any]) -> str:
     return "; ".join(f"{name.replace('_', ' ')}: {_cell(value)}" for name, value in result["notes"].items())
 
 
-def _docstring(name: str) -> str:
-    """What a benchmark says of itself; empty where its script is gone."""
-    script = ROOT / "bench" / f"bench_{name}.py"
-    if not script.is_file():
-        return ""
-    return ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))) or ""
+def _docstring(script: str) -> str:
+    """What a script says of itself."""
+    text = (BENCH / f"bench_{script}.py").read_text(encoding="utf-8")
+    return ast.get_docstring(ast.parse(text)) or ""
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
@@ -96,18 +133,73 @@ def _table(rows: list[dict[str, Any]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, within: bool = False) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_cell(entry)}" for name, entry in value.items())
+        return ", ".join(f"{name} {_cell(entry, within=True)}" for name, entry in value.items()).join(
+            "()" if within else ("", "")
+        )
     if isinstance(value, list):
         return ", ".join(map(_cell, value))
     return "" if value is None else str(value).replace("|", "\\|").replace("\n", " ")
 
 
+def _draw() -> None:
+    """The pictures of the results that are there."""
+    drawings = {"growth": _draw_growth, "fig5": _draw_fig5}
+    for path in (RESULTS / f"{name}.json" for name in drawings):
+        if path.is_file():
+            rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+            (name,) = PICTURES[path.stem]
+            figure = drawings[path.stem](rows)
+            figure.savefig(IMAGES / name, dpi=110)
+
+
+def _axes(titles: list[str], **options: Any) -> tuple[Any, Any]:
+    """A figure with axes beside each other."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    axes = figure.subplots(1, len(titles), squeeze=False, **options)[0]
+    for ax, title in zip(axes, titles, strict=True):
+        ax.set(title=title, ylabel="seconds", yscale="log")
+        ax.grid(which="both", alpha=0.25)
+    return figure, axes
+
+
+def _draw_growth(rows: list[dict[str, Any]]) -> Any:
+    """Seconds over samples and over control points, with slopes of one."""
+    sizes = ("samples", "control points")
+    figure, axes = _axes([f"growing {size}" for size in sizes])
+    for ax, size in zip(axes, sizes, strict=True):
+        chosen = [row for row in rows if row["growing"] == size]
+        x, y = ([row[name] for row in chosen] for name in (size, "seconds"))
+        ax.plot(x, y, "o-", label="tsplinejax")
+        if x:
+            ends = [x[0], x[-1]]
+            ax.plot(ends, [y[-1] * end / x[-1] for end in ends], "--", color="0.5", label="slope 1")
+        ax.set(xscale="log", xlabel=size)
+        ax.legend()
+    return figure
+
+
+def _draw_fig5(rows: list[dict[str, Any]]) -> Any:
+    """Seconds over the signal-to-noise ratio, a line for each method."""
+    surfaces, methods = (list(dict.fromkeys(row[name] for row in rows)) for name in ("surface", "method"))
+    figure, axes = _axes(surfaces, sharey=True)
+    for ax, surface in zip(axes, surfaces, strict=True):
+        for method in methods:
+            chosen = [row for row in rows if (row["surface"], row["method"]) == (surface, method)]
+            ax.plot([row["SNR dB"] for row in chosen], [row["seconds"] for row in chosen], "o-", label=method)
+        ax.set(xlabel="signal-to-noise ratio, centred, in dB")
+        ax.legend()
+    return figure
+
+
 def main() -> None:
     """Write what has changed."""
+    _draw()
     for path, text in documents().items():
         path.write_text(text, encoding="utf-8")
 

@@ -95,6 +95,14 @@ def test_the_papers_algorithm(solver):
     np.testing.assert_allclose(result.samples.values[:, 0] - np.asarray(surface), result.residuals, atol=1e-9)
 
 
+def test_fewer_bezier_elements_after_a_step():
+    """Without a closure a refinement can leave fewer Bézier elements than before; the fit goes on."""
+    data, tolerance = random_surface(6)
+    options = {"refinement": Dyadic(), "solver": tsj.LocalSolver(ring=0)}
+    result = tsj.fit(data, tolerance=tolerance / 4, max_steps=8, **options)
+    assert len(result.history) == 9
+
+
 def test_the_paper_moves_only_altered_control_points():
     """With `LocalSolver(ring=0)` control points of functions that did not change keep their value."""
     heights = bump(80, 80, 0.04)

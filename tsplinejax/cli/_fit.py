@@ -3,10 +3,12 @@
 import argparse
 import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._errors import InputError
 from ..codec import save
 from ..data import HeightMap, PointCloud, StoredMap
 from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
@@ -36,6 +38,11 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_fit_options(parser)
     add_memory_option(parser)
     parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE",
+        help="keep the last step in this file, and go on from it where it exists; removed once the criterion is met",
+    )
 
 
 def add_fit_options(parser: Parser, what: str = "the input") -> None:
@@ -93,18 +100,35 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Read, fit, write."""
     target = checked_output(arguments.output, _MODELS, arguments.input, arguments.mask)
     picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
-    options = fit_options(arguments)
+    options, checkpoint = fit_options(arguments), _checked_checkpoint(arguments)
     if arguments.max_memory is None:
         existing_file(arguments.input)
         data = prepared_data(arguments.input, arguments)
     else:
         data, options["max_memory"] = stored_data(arguments), arguments.max_memory
-    result = fit(data, **options)
+    result = fit(data, checkpoint=checkpoint, **options)
     save(target, result)
     if picture is not None:
         write_picture(picture, lambda: plot_overview(result))
-    report = {"model": str(target), "plot": None if picture is None else str(picture), **report_of(result)}
+    report = {
+        "model": str(target),
+        "plot": None if picture is None else str(picture),
+        **report_of(result),
+    }
+    if checkpoint is not None:
+        report["checkpoint"] = str(checkpoint) if checkpoint.exists() else None
     return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
+
+
+def _checked_checkpoint(arguments: argparse.Namespace) -> Path | None:
+    """The path of the checkpoint, if there is to be one; no other file may lose its place to it."""
+    if arguments.checkpoint is None:
+        return None
+    path = Path(arguments.checkpoint)
+    others = (arguments.input, arguments.output, arguments.plot, arguments.mask)
+    if any(other is not None and Path(other).resolve() == path.resolve() for other in others):
+        raise InputError(f"the checkpoint {path} is the input or an output, too; name a file of its own")
+    return path
 
 
 def prepared_data(path: str, arguments: argparse.Namespace) -> HeightMap | PointCloud:
@@ -184,6 +208,8 @@ def _lines(data: HeightMap | PointCloud | StoredMap, result: FitResult, report: 
         ("time", f"{result.seconds:.1f} s, {report['steps']} steps"),
         ("written", ", ".join(name for name in (report["model"], report["plot"]) if name)),
     ]
+    if report.get("checkpoint"):
+        rows.append(("checkpoint", f"{report['checkpoint']}: the next fit goes on from it"))
     if report["outliers"]:
         rows.insert(3, ("set aside", f"{report['outliers']} of {report['samples']} samples"))
     return table(rows)

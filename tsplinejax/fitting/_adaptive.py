@@ -130,11 +130,12 @@ def advance(problem: Problem, state: State) -> State:
     coefficients = _transferred(problem, state, step)
     if problem.rational:  # Σb changes weights and values of every altered neighbourhood: all of it is summed anew
         store, changed, touched = _fresh_store(problem, mesh), mesh.slots, mesh.slots
+        tally = empty_tally(len(mesh.slots))
     else:
         changed, touched = mesh.slots[step.changed], mesh.slots[step.touched]
-        store = with_mesh(state.store, mesh, touched)
+        store, tally = with_mesh(state.store, mesh, touched), state.tally.extended(len(mesh.slots))
     watch.lap("functions", (store, coefficients))
-    store, tally = _accumulate(problem, mesh, store, coefficients, state.tally.extended(len(mesh.slots)), changed)
+    store, tally = _accumulate(problem, mesh, store, coefficients, tally, changed)
     watch.lap("moments", store)
     store = _assemble(problem, store, choose(touched, mesh.capacity))
     least_move = LOOSE * max(1.0, stage) * problem.criterion.resolution(tally)
@@ -167,6 +168,16 @@ def revived(problem: Problem, state: State) -> State:
     mesh = replace(state.mesh, slots=slots)
     again = replace(state, mesh=mesh, store=_fresh_store(problem, mesh), tally=empty_tally(len(slots)))
     return with_coefficients(problem, again, state.coefficients, Stopwatch(state.history[-1]))
+
+
+def resumed(problem: Problem, state: State) -> State:
+    """A state whose device rows moved on, ready to advance: its rows, moments and normal matrices made again."""
+    mesh, watch = state.mesh, Stopwatch(state.history[-1])
+    store, tally = _accumulate(
+        problem, mesh, _fresh_store(problem, mesh), state.coefficients, empty_tally(len(mesh.slots)), mesh.slots
+    )
+    again = replace(state, store=_assemble(problem, store, _every(mesh)), tally=tally)
+    return replace(with_coefficients(problem, again, state.coefficients, watch), history=state.history)
 
 
 def remeasure(problem: Problem, state: State) -> State:

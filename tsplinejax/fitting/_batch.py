@@ -17,7 +17,7 @@ from ..io import read
 from ._fit import fit
 from ._result import FitResult, StopReason
 
-_OPTIONS = frozenset(inspect.signature(fit).parameters) - {"data", "progress"}
+_OPTIONS = frozenset(inspect.signature(fit).parameters) - {"data", "progress", "checkpoint"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,14 +62,16 @@ def fit_batch(
     **Returns:** an iterator over one [`BatchItem`][tsplinejax.BatchItem] an item, in order. An item is read and fitted
     when its turn comes, so memory holds one at a time. It ends after a fit that was interrupted (Ctrl-C).
 
-    **Raises:** `InputError` for an option that `fit` has not, and for items that are not several. What goes wrong with
-    one item is in its `error`.
+    **Raises:** `InputError` for an option that `fit` has not, for a checkpoint, which is of one fit, and for items that
+    are not several. What goes wrong with one item is in its `error`.
 
     >>> from tsplinejax.data import peaks
     >>> outcomes = list(fit_batch([peaks((30, 40)), "none.npy", peaks((40, 30))], tolerance=0.1))
     >>> [None if item.error is None else str(item.error) for item in outcomes]
     [None, 'none.npy does not exist; check the path', None]
     """
+    if "checkpoint" in options:
+        raise InputError("a checkpoint is of one fit, but fit_batch makes many; leave it out, or call fit for each")
     unknown = sorted(set(options) - _OPTIONS)
     if unknown:
         raise InputError(f"fit_batch takes the options of fit; received {unknown[0]!r}; see help(tsplinejax.fit)")

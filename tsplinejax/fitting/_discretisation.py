@@ -88,12 +88,16 @@ def change(old: Discretisation, refinement: Refinement, least_capacity: int) -> 
     """A refined mesh, whose unchanged Bézier elements keep their slots."""
     update = refine_elements(old.elements, old.tmesh, refinement)
     elements, same = update.elements, update.source >= 0
+    capacity = max(old.capacity, _capacity(refinement.mesh, elements, least_capacity))
+    if len(elements) < len(old.elements):  # without a closure a refinement may need fewer cuts: all rows begin anew
+        every = np.ones(len(elements), bool)
+        mesh = Discretisation(refinement.mesh, elements, np.arange(len(elements)), capacity)
+        return Change(mesh, update.kept, every, every)
     slots = np.empty(len(elements), np.int64)
     slots[same] = old.slots[update.source[same]]
     left = np.ones(len(old.elements), bool)
     left[update.source[same]] = False
     slots[~same] = np.concatenate([old.slots[left], np.arange(len(old.elements), len(elements))])
-    capacity = max(old.capacity, _capacity(refinement.mesh, elements, least_capacity))
     mesh = Discretisation(refinement.mesh, elements, slots, capacity)
     return Change(mesh, update.kept, ~same, update.touched)
 

@@ -1,7 +1,9 @@
 """`fit`: from measured data to a T-spline, the adaptive loop with its options."""
 
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +17,7 @@ from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, require_fore
 from ..space import resolve_dtype, spline_space
 from ..surface import TSpline, make_surface
 from ._adaptive import State, residuals_of
+from ._checkpoint import Checkpoint
 from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
 from ._energy import default_smoothing
 from ._engines import AbstractEngine
@@ -49,6 +52,7 @@ def fit(
     as_surface: bool = False,
     max_memory: float = 4e9,
     engine: AbstractEngine | None = None,
+    checkpoint: str | os.PathLike | None = None,
 ) -> FitResult:
     """Fit a T-spline to measured data, refining until the criterion is met.
 
@@ -79,11 +83,13 @@ def fit(
       control points. Residuals of a stored map are not kept, and weights and `robust` need data in memory.
     - `engine`: who works on the pages of a stored map: `DaskEngine(client)` or `DevicesEngine()`; by default this
       process, page after page.
+    - `checkpoint`: a file that keeps the last step. Where it exists the fit goes on from it, to the same result as
+      without the interruption; it is removed once the criterion is met. Budgets count from the fit's first start.
 
     **Returns:** a [`FitResult`][tsplinejax.FitResult]. That a budget ran out is said there, not raised; interrupting
     (Ctrl-C) returns the best step so far.
 
-    **Raises:** `InputError` for bad data or options.
+    **Raises:** `InputError` for bad data or options, and for a checkpoint that is damaged or of another fit.
 
     >>> import tsplinejax as tsj
     >>> x, y = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 50))
@@ -92,6 +98,7 @@ def fit(
     (True, True)
     """
     started = time.perf_counter()
+    path = _checked_checkpoint(checkpoint, lattice)
     problem = pose_fit(
         data,
         tolerance=tolerance,
@@ -112,15 +119,20 @@ def fit(
         max_memory=max_memory,
         engine=engine,
     )
+    keeper = Checkpoint(path, problem)
     if lattice == "auto":
         problem, outcome = run_best_lattice(problem, progress=progress)
     else:
-        outcome = run(problem, progress=progress)
+        outcome = run(problem, progress=progress, checkpoint=keeper)
     held = isinstance(problem.source, HeldSource)
     if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE and held:
         problem, outcome = smooth_automatically(problem, outcome)
     source = dict(getattr(data, "provenance", None) or {})
-    return _result(problem, outcome, time.perf_counter() - started, _provenance(problem, outcome.stop, source))
+    seconds = keeper.seconds + time.perf_counter() - started
+    result = _result(problem, outcome, seconds, _provenance(problem, outcome.stop, source))
+    if result.converged:
+        keeper.remove()
+    return result
 
 
 def pose_fit(
@@ -288,6 +300,20 @@ def _checked_engine(engine: AbstractEngine | None) -> AbstractEngine | None:
     if engine is not None and not isinstance(engine, AbstractEngine):
         raise InputError(f"an engine is DaskEngine(client) or DevicesEngine(); received {type(engine).__name__}")
     return engine
+
+
+def _checked_checkpoint(checkpoint: str | os.PathLike | None, lattice: object) -> Path | None:
+    """The path of a checkpoint that can be written, for a fit that is a single run."""
+    if checkpoint is None:
+        return None
+    path = Path(checkpoint)
+    if isinstance(lattice, str) and lattice == "auto":
+        raise InputError(
+            "a checkpoint is of one run, but lattice='auto' makes several; give a lattice (M, N), or no checkpoint"
+        )
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError(f"a checkpoint is a file in a folder that exists and can be written to; received {path}")
+    return path
 
 
 def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ._adaptive import State, advance, begin, polish, revived, terminate, with_coefficients
+from ._checkpoint import Checkpoint
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason
 from ._stopwatch import Stopwatch
@@ -41,18 +42,20 @@ class Run:
         return self.best.worst <= 1
 
 
-def run(problem: Problem, *, progress: bool = False) -> Run:
+def run(problem: Problem, *, progress: bool = False, checkpoint: Checkpoint | None = None) -> Run:
     """Advance until there is a reason to stop.
 
     Steps solve loosely. On polynomial surfaces a long solve has its chance before the loop gives up for want of
     elements to split, and at the end; one that no longer meets the criterion (least squares does not minimise the
-    largest error) is not kept.
+    largest error) is not kept. A checkpoint is of the step before that last solve, which a resumed run has no use for.
     """
-    best = state = begin(problem)
+    checkpoint = checkpoint or Checkpoint(None, problem)
+    state, best = checkpoint.restored() or _begun(problem)
     try:
-        with _progress_bar(progress) as report:
+        with checkpoint, _progress_bar(progress) as report:
             while True:
                 report(state)
+                checkpoint.keep(state, best)
                 stop = terminate(problem, state)
                 if stop is StopReason.FINEST and not problem.rational and not state.polished:
                     state = _polished(problem, state)
@@ -70,6 +73,12 @@ def run(problem: Problem, *, progress: bool = False) -> Run:
     except KeyboardInterrupt:
         stop = StopReason.INTERRUPTED
     return Run(revived(problem, best), state.history, stop)
+
+
+def _begun(problem: Problem) -> tuple[State, State]:
+    """The start lattice, which is the best state so far."""
+    state = begin(problem)
+    return state, state
 
 
 def _polished(problem: Problem, state: State, limit: float = np.inf) -> State:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..space import to_device
 from ._adaptive import State, remeasure
@@ -21,7 +22,7 @@ from ._store import assemble_rows, choose, renew_points
 from ._system import System
 
 PROBES = 8
-ITERATIONS = 300
+ITERATIONS, ACCURACY = 100, 1e-4  # scores are of second order in the error of a solve
 DECADES = 14
 
 
@@ -29,15 +30,15 @@ def smooth_automatically(problem: Problem, outcome: Run) -> tuple[Problem, Run]:
     """The fit with the weight λ of least GCV on the run's last mesh, from the problem's own λ upwards."""
     state = outcome.best
     trial = _Trial(problem, state, _probed_moments(problem, state), _square_sum(problem))
-    exponents = np.arange(DECADES, dtype=np.float64)
     scores: dict[float, float] = {}
-    for exponent in exponents:
-        scores[exponent] = trial.score(problem.smoothing * 10.0**exponent)
+    start = trial.fitted()
+    for exponent in range(DECADES):
+        scores[exponent], start = trial.score(problem.smoothing * 10.0**exponent, start)
         if exponent - min(scores, key=scores.__getitem__) >= 2:
             break
     best = min(scores, key=scores.__getitem__)
     for exponent in (best - 0.5, best + 0.5):
-        scores[exponent] = trial.score(problem.smoothing * 10.0**exponent)
+        scores[exponent], start = trial.score(problem.smoothing * 10.0**exponent, start)
     smoothed = replace(problem, smoothing=problem.smoothing * 10.0 ** min(scores, key=scores.__getitem__))
     smooth = remeasure(smoothed, state)
     return smoothed, replace(outcome, best=smooth, history=smooth.history)
@@ -52,8 +53,14 @@ class _Trial:
     moments: Moments
     squares: float
 
-    def score(self, smoothing: float) -> float:
-        """GCV of one weight."""
+    def fitted(self) -> Float[Array, "capacity d"]:
+        """Where solves begin: the fit itself, and nothing for the signs."""
+        capacity, values = self.state.mesh.capacity, self.problem.dimension
+        empty = jnp.zeros((capacity, self.moments.load.shape[-1]), self.problem.dtype)
+        return empty.at[:, :values].set(self.state.coefficients)
+
+    def score(self, smoothing: float, start: Float[Array, "capacity d"]) -> tuple[float, Float[Array, "capacity d"]]:
+        """GCV of one weight, and the solution, from which the next weight's begins."""
         problem, mesh, store = self.problem, self.state.mesh, self.state.store
         width, d = store.functions.shape[1], self.moments.load.shape[-1]
         every = choose(mesh.slots, mesh.capacity)
@@ -65,7 +72,6 @@ class _Trial:
         weight = to_device(smoothing, problem.dtype)
         matrices, loads = assemble_rows(zeros, parts, weight, problem.extent, problem.lattice, every)
         system = System(jnp.maximum(store.functions, 0), matrices, loads)
-        start = jnp.zeros((mesh.capacity, d), problem.dtype).at[:, : problem.dimension].set(self.state.coefficients)
         free = jnp.arange(mesh.capacity) < mesh.tmesh.n_anchors
         solution = conjugate_gradients(
             system,
@@ -85,7 +91,7 @@ class _Trial:
         rest = self.squares - 2 * products[:values].sum() + forms[:values].sum() - bending
         freedom = float(products[values:].mean())
         counted = problem.source.n_counted
-        return counted * max(float(rest), 0.0) / max(counted - freedom, 1e-3) ** 2
+        return counted * max(float(rest), 0.0) / max(counted - freedom, 1e-3) ** 2, solution
 
 
 def _probed_moments(problem: Problem, state: State) -> Moments:
