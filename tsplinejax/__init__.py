@@ -15,6 +15,8 @@ from .data import (
 )
 from .fitting import (
     BatchItem as BatchItem,
+    DaskEngine as DaskEngine,
+    DevicesEngine as DevicesEngine,
     FitResult as FitResult,
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
@@ -28,7 +30,7 @@ from .fitting import (
     lstsq as lstsq,
     tolerance_study as tolerance_study,
 )
-from .io import read as read, write as write
+from .io import open_stored as open_stored, read as read, write as write
 from .mesh import (
     AnalysisSuitable as AnalysisSuitable,
     Dyadic as Dyadic,

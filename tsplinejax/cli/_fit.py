@@ -10,7 +10,7 @@ import numpy as np
 
 from .._errors import InputError
 from ..codec import save
-from ..data import HeightMap, PointCloud
+from ..data import HeightMap, PointCloud, StoredMap
 from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
 from ..io._files import existing_file
 from ..mesh import AnalysisSuitable, Dyadic
@@ -19,6 +19,7 @@ from ._arguments import Parser, add_command, add_data_options, lattice, share, w
 from ._files import checked_output, checked_picture, read_data, write_picture
 from ._level import levelled
 from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity, table
+from ._stored import add_memory_option, described_stored, stored_data
 
 _MODELS = (".tspl",)
 
@@ -35,6 +36,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("input", metavar="INPUT", help="height map or point cloud")
     parser.add_argument("-o", "--output", metavar="MODEL.tspl", required=True, help="the model file to write")
     add_fit_options(parser)
+    add_memory_option(parser)
     parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
     parser.add_argument(
         "--checkpoint",
@@ -98,10 +100,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Read, fit, write."""
     target = checked_output(arguments.output, _MODELS, arguments.input, arguments.mask)
     picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
-    existing_file(arguments.input)
-    checkpoint = _checked_checkpoint(arguments)
-    data = prepared_data(arguments.input, arguments)
-    result = fit(data, checkpoint=checkpoint, **fit_options(arguments))
+    options, checkpoint = fit_options(arguments), _checked_checkpoint(arguments)
+    if arguments.max_memory is None:
+        existing_file(arguments.input)
+        data = prepared_data(arguments.input, arguments)
+    else:
+        data, options["max_memory"] = stored_data(arguments), arguments.max_memory
+    result = fit(data, checkpoint=checkpoint, **options)
     save(target, result)
     if picture is not None:
         write_picture(picture, lambda: plot_overview(result))
@@ -188,14 +193,14 @@ def report_of(result: FitResult) -> dict[str, Any]:
     }
 
 
-def _lines(data: HeightMap | PointCloud, result: FitResult, report: dict[str, Any]) -> tuple[str, ...]:
+def _lines(data: HeightMap | PointCloud | StoredMap, result: FitResult, report: dict[str, Any]) -> tuple[str, ...]:
     unit = result.unit
     if result.tolerance is not None:
         criterion = f"tolerance {quantity(result.tolerance, unit)}"
     else:
         criterion = f"noise of standard deviation {quantity(result.noise, unit)}"
     rows = [
-        ("data", described(data)),
+        ("data", described_stored(data) if isinstance(data, StoredMap) else described(data)),
         ("criterion", f"{criterion}: {'met' if result.converged else f'not met ({result.stop})'}"),
         ("model", f"{result.control_points} control points, {result.elements} elements"),
         ("largest error", quantity(result.max_error, unit)),

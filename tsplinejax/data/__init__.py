@@ -12,7 +12,14 @@ from ._noise import (
 from ._outliers import find_outliers as find_outliers
 from ._point_cloud import PointCloud as PointCloud
 from ._samples import Samples as Samples
-from ._stored_map import StoredMap as StoredMap, is_stored as is_stored
+from ._stored_map import (
+    Statistics as Statistics,
+    StoredMap as StoredMap,
+    Window as Window,
+    checked_heights as checked_heights,
+    is_stored as is_stored,
+    statistics_of as statistics_of,
+)
 from ._synthetic import (
     laser_textured_disk as laser_textured_disk,
     peaks as peaks,

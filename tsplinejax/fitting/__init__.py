@@ -7,6 +7,11 @@ from ._criteria import (
     NoiseCriterion as NoiseCriterion,
     ToleranceCriterion as ToleranceCriterion,
 )
+from ._engines import (
+    AbstractEngine as AbstractEngine,
+    DaskEngine as DaskEngine,
+    DevicesEngine as DevicesEngine,
+)
 from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
 from ._lstsq import lstsq as lstsq
 from ._problem import Budget as Budget, Problem as Problem

@@ -20,9 +20,9 @@ from ..surface import beside_anchors
 from ._criteria import NoiseCriterion, explained_squares
 from ._direct import solve_directly
 from ._discretisation import Change, Discretisation, change, discretise
-from ._moments import add_samples
+from ._distributed import measure_samples, sum_samples
 from ._problem import Problem
-from ._residuals import all_residuals, residuals
+from ._residuals import all_residuals
 from ._result import Step, StopReason
 from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
@@ -265,7 +265,7 @@ def _accumulate(
         sums = store.points[..., -1:]
     moments = clear(store.moments, choose(changed, mesh.capacity))
     places = mesh.places_of(changed)
-    moments, counts = add_samples(moments, problem.samples, mesh, places, store.boxes, problem.lattice, sums)
+    moments, counts = sum_samples(moments, problem.samples, mesh, places, store.boxes, problem.lattice, sums)
     return replace(store, moments=moments), tally.with_counts(changed, counts)
 
 
@@ -344,7 +344,7 @@ def _measured(problem: Problem, state: State, affected: np.ndarray, watch: Stopw
     mesh, tally, chosen = state.mesh, state.tally, choose(affected, state.mesh.capacity)
     store, energy = renew_points(state.store, state.coefficients, problem.extent, problem.lattice, chosen)
     places = mesh.places_of(affected)
-    rest = residuals(problem.samples, mesh, places, store.points, store.boxes, problem.lattice)
+    rest = measure_samples(problem.samples, mesh, places, store.points, store.boxes, problem.lattice)
     tally = tally.with_residuals(affected, rest, np.asarray(energy)[: len(affected)])
     if isinstance(problem.criterion, NoiseCriterion):
         explained = np.asarray(explained_squares(store.moments, store.points, chosen))

@@ -41,7 +41,6 @@ from ._tally import empty_tally
 
 KIND = "tsplinejax checkpoint 1"
 SHARE = 0.1  # of the time that writing may take
-BAND = 1 << 22  # pixels of a stored map that are read at once
 _DIGESTS = ("values", "parameters", "weights", "outliers")
 
 
@@ -155,13 +154,10 @@ class _OtherProblemError(InputError):
 
 
 def _digests(source: AbstractSource) -> dict[str, str]:
-    """SHA-256 of what the samples are, part by part; a stored map is read once, in bands of rows."""
+    """SHA-256 of what the samples are, part by part; a stored map is read once, window by window."""
     if isinstance(source, StoredSource):
-        rows, columns = source.stored.shape
-        step = max(1, BAND // columns)
-        bands = (slice(first, min(first + step, rows)) for first in range(0, rows, step))
-        values = (source.stored.window(band, slice(0, columns)) for band in bands)
-        return {"values": _digest(values, (rows, columns))}
+        stored = source.stored
+        return {"values": _digest(map(stored.window, stored.windows()), stored.shape)}
     assert isinstance(source, HeldSource)
     data = source.samples
     named = {"values": data.values, "parameters": data.parameters, "weights": data.weights, "outliers": source.outliers}

@@ -20,6 +20,7 @@ from ._adaptive import State, residuals_of
 from ._checkpoint import Checkpoint
 from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
 from ._energy import default_smoothing
+from ._engines import AbstractEngine
 from ._options import Length, Request, read_request, read_stored_request
 from ._pages import most_control_points
 from ._problem import Budget, Problem, pose, start_lattice
@@ -50,6 +51,7 @@ def fit(
     progress: bool = False,
     as_surface: bool = False,
     max_memory: float = 4e9,
+    engine: AbstractEngine | None = None,
     checkpoint: str | os.PathLike | None = None,
 ) -> FitResult:
     """Fit a T-spline to measured data, refining until the criterion is met.
@@ -79,6 +81,8 @@ def fit(
     - `as_surface`: fit a cloud's points in space (x, y, z) over planar parameters, not z alone.
     - `max_memory`: bytes that the fit of a stored map may take; it sets the size of a page and the largest number of
       control points. Residuals of a stored map are not kept, and weights and `robust` need data in memory.
+    - `engine`: who works on the pages of a stored map: `DaskEngine(client)` or `DevicesEngine()`; by default this
+      process, page after page.
     - `checkpoint`: a file that keeps the last step. Where it exists the fit goes on from it, to the same result as
       without the interruption; it is removed once the criterion is met. Budgets count from the fit's first start.
 
@@ -113,6 +117,7 @@ def fit(
         dtype=dtype,
         as_surface=as_surface,
         max_memory=max_memory,
+        engine=engine,
     )
     keeper = Checkpoint(path, problem)
     if lattice == "auto":
@@ -149,6 +154,7 @@ def pose_fit(
     dtype: DTypeLike | None = None,
     as_surface: bool = False,
     max_memory: float = 4e9,
+    engine: AbstractEngine | None = None,
 ) -> Problem:
     """Make everything ready for a fit that is driven by hand, with `begin`, `advance` and `terminate`.
 
@@ -177,7 +183,13 @@ def pose_fit(
                 "weights, robust=True and as_surface=True need data in memory; this map is stored elsewhere; leave "
                 "them out, or read it: HeightMap(numpy.asarray(data))"
             )
-        request = read_stored_request(data, **criterion, max_memory=_checked_memory(max_memory))
+        memory, engine = _checked_memory(max_memory), _checked_engine(engine)
+        request = read_stored_request(data, **criterion, max_memory=memory, engine=engine)
+    elif engine is not None:
+        raise InputError(
+            "an engine works on the pages of a stored map; data in memory are fitted in this process; leave engine "
+            "out, or pass a StoredMap"
+        )
     else:
         request = read_request(data, **criterion, weights=weights, robust=robust, as_surface=as_surface)
     budget = _checked_budget(max_steps, max_control_points, max_seconds)
@@ -281,6 +293,13 @@ def _checked_memory(max_memory: float) -> float:
     if not np.isfinite(max_memory) or max_memory < 2e8:
         raise InputError(f"max_memory is a number of bytes, at least 2e8; received {max_memory!r}; try 4e9")
     return float(max_memory)
+
+
+def _checked_engine(engine: AbstractEngine | None) -> AbstractEngine | None:
+    """An engine, or none."""
+    if engine is not None and not isinstance(engine, AbstractEngine):
+        raise InputError(f"an engine is DaskEngine(client) or DevicesEngine(); received {type(engine).__name__}")
+    return engine
 
 
 def _checked_checkpoint(checkpoint: str | os.PathLike | None, lattice: object) -> Path | None:

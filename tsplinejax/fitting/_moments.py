@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from ..space import to_device
 from ._discretisation import Discretisation
-from ._samples import AbstractSamples, batches
+from ._samples import AbstractSamples, Blocks, batches
 from ._tiles import AbstractDeviceSamples, AbstractTile, BlockList, over_tiles
 
 
@@ -59,13 +59,28 @@ def add_samples(
     """
     counts = Counts(np.zeros(len(chosen)), np.zeros(len(chosen)))
     for device, blocks in samples.parts(mesh.elements, chosen, mesh.slots[chosen]):
-        results = []
-        for listed, places in batches(blocks, samples.tile):
-            moments, result = _add_batch(moments, device, listed, boxes, lattice, sums)
-            results.append((places, result))
-        for column, total in zip(on_host(results, len(blocks.slot)), (counts.samples, counts.variance), strict=False):
-            blocks.reduce(np.add, column, total)
+        moments = add_blocks(moments, counts, device, blocks, samples.tile, boxes, lattice, sums)
     return moments, counts
+
+
+def add_blocks(
+    moments: Moments,
+    counts: Counts,
+    device: AbstractDeviceSamples,
+    blocks: Blocks,
+    tile: int,
+    boxes: Array,
+    lattice: Array,
+    sums: Float[Array, "capacity 4 4 1"] | None = None,
+) -> Moments:
+    """Add one part's blocks to the moments, whose arrays are used up, and to the counts, in place."""
+    results = []
+    for listed, places in batches(blocks, tile):
+        moments, result = _add_batch(moments, device, listed, boxes, lattice, sums)
+        results.append((places, result))
+    for column, total in zip(on_host(results, len(blocks.slot)), (counts.samples, counts.variance), strict=False):
+        blocks.reduce(np.add, column, total)
+    return moments
 
 
 def on_host(results: list[tuple[slice, tuple[Array, ...]]], n: int) -> list[np.ndarray]:

@@ -18,6 +18,8 @@ from ..data import (
     parse_length,
     quick_noise,
 )
+from ._distributed import surveyed
+from ._engines import AbstractEngine
 from ._source import AbstractSource, HeldSource, StoredSource
 
 Length = float | str
@@ -106,19 +108,25 @@ def read_stored_request(
     relative_tolerance: float | None,
     noise: Length | None,
     max_memory: float,
+    engine: AbstractEngine | None,
 ) -> Request:
     """Check a caller's wishes against a map that stays where it is; noise and tilt are judged by part of its rows."""
     if sum(option is not None for option in (tolerance, relative_tolerance, noise)) > 1:
         raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
-    source = StoredSource(stored, max_memory)
-    spread = stored.statistics.high - stored.statistics.low
-    part = stored.bands()
+    stored = stored if engine is None else surveyed(stored, engine)
+    source = StoredSource(stored, max_memory, engine)
+    spread = stored.range
+    part = stored.mosaic()
     warnings = []
-    if np.isfinite(part.heights).any():
-        samples = part.samples() if part.valid.sum() > 3 else None
-        if samples is not None:
-            warnings = list(_data_warnings(samples, np.ones(len(samples), bool), False))
+    if part.valid.sum() > 3:
+        samples = part.samples()
+        warnings = _data_warnings(samples, np.ones(len(samples), bool), False)
     if tolerance is None and relative_tolerance is None:
+        if noise in (None, "auto") and not part.valid.any():
+            raise InputError(
+                "the noise is estimated from blocks all over the map, but every pixel in them is missing (NaN); give "
+                "noise= as a number, or a tolerance"
+            )
         estimate = _noise_of(part, noise, stored.unit)
         if estimate.texture_limited:
             warnings.append(estimate.note)

@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
-from ..data import StoredMap
+from ..data import StoredMap, Window
 from ..mesh import TMesh
 from ..space import BezierElements, pad, to_device
+from ._engines import AbstractEngine
 from ._samples import AbstractSamples, Blocks, grid_lines, pixel_blocks, rectangles
 from ._tiles import AbstractDeviceSamples, DevicePixels
 
@@ -18,67 +19,120 @@ LEAST_SIDE, LARGEST_SIDE = 256, 4096
 
 
 @dataclass(frozen=True, eq=False)
-class PagedSamples(AbstractSamples):
-    """The pixels of a stored map, read in square pages.
+class PageFormat:
+    """How heights become a page on the device.
 
     **Attributes:**
 
-    - `source`: the map; `offset`, `factor`: fitted values are (height - offset) / factor.
-    - `columns`, `rows`: index coordinate (in the mesh) of each pixel column and row.
+    - `shape`: of the map, (rows, columns).
+    - `offset`, `factor`: fitted values are (height - offset) / factor.
     - `complete`: whether no pixel is missing.
     - `variance`: the noise's, in fitted values; `None` for a fit to a tolerance.
     - `side`: pixels along a page's side.
     """
 
-    source: StoredMap
+    shape: tuple[int, int]
     offset: float
     factor: float
-    columns: Int[np.ndarray, " columns"]
-    rows: Int[np.ndarray, " rows"]
     complete: bool
     variance: float | None
     side: int
     dtype: np.dtype
     tile: int
 
-    def parts(
-        self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray
-    ) -> Iterator[tuple[AbstractDeviceSamples, Blocks]]:
-        """A part a page."""
-        first, counts = rectangles(self.columns, self.rows, elements.boxes[chosen])
-        last = first + counts
-        for top in range(0, len(self.rows), self.side):
-            for left in range(0, len(self.columns), self.side):
-                low = np.array([left, top])
-                start, stop = np.maximum(first, low), np.minimum(last, low + self.side)
-                inside = np.flatnonzero((stop > start).all(axis=1))
-                if len(inside):
-                    found = pixel_blocks(start[inside], stop[inside] - start[inside], slots[inside])
-                    yield self._page(left, top), Blocks(found.fields, found.slot, inside[found.owner])
 
-    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
-        """Every pixel is a place of its own."""
-        return np.minimum(counts, 2)
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page, without its heights: small enough to be sent to whoever works on it.
 
-    def _page(self, left: int, top: int) -> DevicePixels:
-        """Scaled heights of a page on the device; missing ones have weight zero."""
-        rows, columns = slice(top, min(top + self.side, len(self.rows))), slice(left, left + self.side)
-        heights = self.source.window(rows, slice(left, min(columns.stop, len(self.columns))))
-        values = ((heights.astype(np.float64) - self.offset) / self.factor).astype(self.dtype).ravel()
-        length, weights = self.side**2, None
-        if not self.complete:
+    **Attributes:**
+
+    - `window`: which pixels.
+    - `columns`, `rows`: index coordinate (in the mesh) of each of its pixel columns and rows.
+    """
+
+    form: PageFormat
+    window: Window
+    columns: Int[np.ndarray, " columns"]
+    rows: Int[np.ndarray, " rows"]
+
+    @property
+    def corner(self) -> Int[np.ndarray, " 2"]:
+        """First column and row."""
+        return np.array([self.window.columns.start, self.window.rows.start])
+
+    def holds(self, boxes: Int[np.ndarray, "n 4"]) -> Int[np.ndarray, " some"]:
+        """Which of the index boxes have a pixel here."""
+        return np.flatnonzero((rectangles(self.columns, self.rows, boxes)[1] > 0).all(axis=1))
+
+    def blocks(self, boxes: Int[np.ndarray, "n 4"], slots: Int[np.ndarray, " n"]) -> Blocks:
+        """Squares of at most 4 × 4 of its pixels, in these index boxes."""
+        first, counts = rectangles(self.columns, self.rows, boxes)
+        return pixel_blocks(first + self.corner, counts, slots)
+
+    def on_device(self, heights: Float[np.ndarray, "rows columns"]) -> DevicePixels:
+        """Scaled heights on the device; missing ones have weight zero."""
+        form = self.form
+        values = ((heights.astype(np.float64) - form.offset) / form.factor).astype(form.dtype).ravel()
+        length, weights = form.side**2, None
+        if not form.complete:
             missing = np.isnan(values)
             values[missing] = 0
-            weights = to_device(pad((~missing).astype(self.dtype), length, 0))
-        variance = None if self.variance is None else to_device(np.full(length, self.variance, self.dtype))
+            weights = to_device(pad((~missing).astype(form.dtype), length, 0))
+        variance = None if form.variance is None else to_device(np.full(length, form.variance, form.dtype))
         return DevicePixels(
-            shape=to_device(np.array([len(self.columns), len(self.rows)], np.int32)),
-            origin=to_device(np.array([left, top], np.int32)),
+            shape=to_device(np.array(form.shape[::-1], np.int32)),
+            origin=to_device(self.corner.astype(np.int32)),
             stride=to_device(heights.shape[1], np.int32),
             values=to_device(pad(values[:, None], length, 0)),
             weights=weights,
             variance=variance,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PagedSamples(AbstractSamples):
+    """The pixels of a stored map, read in square pages.
+
+    **Attributes:**
+
+    - `source`: the map; `form`: what makes pages of it.
+    - `columns`, `rows`: index coordinate (in the mesh) of each pixel column and row.
+    - `engine`: who works on the pages; `None` for this process, one page after the other.
+    """
+
+    source: StoredMap
+    form: PageFormat
+    columns: Int[np.ndarray, " columns"]
+    rows: Int[np.ndarray, " rows"]
+    engine: AbstractEngine | None
+
+    @property
+    def tile(self) -> int:
+        """The pages'."""
+        return self.form.tile
+
+    def pages(self, boxes: Int[np.ndarray, "n 4"]) -> Iterator[tuple[Page, Int[np.ndarray, " inside"]]]:
+        """Pages with pixels in any of the index boxes, and which boxes those are."""
+        for window in self.source.windows(self.form.side):
+            page = Page(self.form, window, self.columns[window.columns], self.rows[window.rows])
+            inside = page.holds(boxes)
+            if len(inside):
+                yield page, inside
+
+    def parts(
+        self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray
+    ) -> Iterator[tuple[AbstractDeviceSamples, Blocks]]:
+        """A part a page."""
+        boxes = elements.boxes[chosen]
+        for page, inside in self.pages(boxes):
+            found = page.blocks(boxes[inside], slots[inside])
+            heights = self.source.window(page.window)
+            yield page.on_device(heights), Blocks(found.fields, found.slot, inside[found.owner])
+
+    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
+        """Every pixel is a place of its own."""
+        return np.minimum(counts, 2)
 
 
 def page_side(max_memory: float) -> int:
@@ -111,20 +165,13 @@ def paged_samples(
     side: int,
     dtype: np.dtype,
     tile: int,
+    engine: AbstractEngine | None = None,
 ) -> PagedSamples:
     """The pixels of a stored map over a mesh's lattice."""
     assert tmesh.forest is not None
     rows, columns = source.shape
     lattice = tmesh.forest.lattice
-    return PagedSamples(
-        source=source,
-        offset=offset,
-        factor=factor,
-        columns=grid_lines(columns, lattice[0]),
-        rows=grid_lines(rows, lattice[1]),
-        complete=source.statistics.count == rows * columns,
-        variance=variance,
-        side=min(side, 1 << (max(rows, columns) - 1).bit_length()),
-        dtype=dtype,
-        tile=tile,
-    )
+    complete = source.statistics.count == rows * columns
+    side = min(side, 1 << (max(rows, columns) - 1).bit_length())
+    form = PageFormat((rows, columns), offset, factor, complete, variance, side, dtype, tile)
+    return PagedSamples(source, form, grid_lines(columns, lattice[0]), grid_lines(rows, lattice[1]), engine)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from .._errors import InputError
 from ..data import Frame
 from ..mesh import AbstractRefinement, AnalysisSuitable, Direction, TMesh, b_lattice
-from ..space import to_device
+from ..space import capacity_for, to_device
 from ._criteria import AbstractCriterion
 from ._options import Request
 from ._samples import AbstractSamples
@@ -83,9 +83,11 @@ class Problem:
 
     @property
     def least_capacity(self) -> int:
-        """Smallest padded length: small data take little memory, large data compile few kernels."""
+        """Smallest padded length: small data and meshes take little memory, large data compile few kernels."""
         sizes = ((1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
-        return next((capacity for limit, capacity in sizes if self.source.n_samples < limit), 65536)
+        least = next((capacity for limit, capacity in sizes if self.source.n_samples < limit), 65536)
+        most = self.budget.max_control_points
+        return least if most is None else min(least, capacity_for(2 * int(most)))
 
 
 def start_lattice(

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ._discretisation import Discretisation
 from ._moments import on_host
-from ._samples import AbstractHeldSamples, AbstractSamples, batches
+from ._samples import AbstractHeldSamples, AbstractSamples, Blocks, batches
 from ._tiles import LANES, AbstractDeviceSamples, AbstractTile, BlockList, over_tiles
 
 
@@ -33,16 +33,29 @@ def residuals(
 ) -> Residuals:
     """Residuals of the samples in the chosen Bézier elements, whose Bézier points lie in `points`."""
     found = Residuals(*(np.zeros(len(chosen)) for _ in range(3)))
-    totals = (found.largest, found.weighted, found.plain)
     for device, blocks in samples.parts(mesh.elements, chosen, mesh.slots[chosen]):
-        results = [
-            (places, _batch_residuals(device, listed, boxes, lattice, points)[1])
-            for listed, places in batches(blocks, samples.tile)
-        ]
-        columns = on_host(results, len(blocks.slot))
-        for operation, column, total in zip((np.maximum, np.add, np.add), columns, totals, strict=False):
-            blocks.reduce(operation, column, total)
+        measure_blocks(found, device, blocks, samples.tile, points, boxes, lattice)
     return found
+
+
+def measure_blocks(
+    found: Residuals,
+    device: AbstractDeviceSamples,
+    blocks: Blocks,
+    tile: int,
+    points: Float[Array, "capacity 4 4 c"],
+    boxes: Array,
+    lattice: Array,
+) -> None:
+    """Add the residuals of one part's blocks to what was found, in place."""
+    results = [
+        (places, _batch_residuals(device, listed, boxes, lattice, points)[1])
+        for listed, places in batches(blocks, tile)
+    ]
+    columns = on_host(results, len(blocks.slot))
+    totals = (found.largest, found.weighted, found.plain)
+    for operation, column, total in zip((np.maximum, np.add, np.add), columns, totals, strict=False):
+        blocks.reduce(operation, column, total)
 
 
 def all_residuals(

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from ..data import Frame, NoiseEstimate, Samples, StoredMap
 from ..mesh import TMesh
 from ._criteria import FLOOR, noise_variance
+from ._engines import AbstractEngine
 from ._pages import page_side, paged_samples
 from ._samples import AbstractSamples, grid_samples, scattered_samples
 from ._tiles import LANES
@@ -133,10 +134,11 @@ class HeldSource(AbstractSource):
 
 @dataclass(frozen=True, eq=False)
 class StoredSource(AbstractSource):
-    """A map that is read page by page, within a budget of memory in bytes."""
+    """A map that is read page by page, within a budget of memory in bytes, here or by an engine."""
 
     stored: StoredMap
     max_memory: float
+    engine: AbstractEngine | None = None
 
     @property
     def frame(self) -> Frame:
@@ -151,8 +153,7 @@ class StoredSource(AbstractSource):
     @property
     def dtype(self) -> np.dtype:
         """The map's, or float64 for whole numbers."""
-        dtype = np.dtype(self.stored.heights.dtype)
-        return dtype if dtype.kind == "f" else np.dtype(np.float64)
+        return self.stored.dtype
 
     @property
     def n_samples(self) -> int:
@@ -168,14 +169,13 @@ class StoredSource(AbstractSource):
     def signal(self) -> tuple[float, float]:
         """From the map's statistics."""
         found = self.stored.statistics
-        return found.squares, max(found.squares - found.total**2 / found.count, 0.0)
+        return found.centred + found.count * found.mean**2, found.centred
 
     @property
     def scaling(self) -> Scaling:
         """From the map's statistics."""
-        found = self.stored.statistics
-        spread = found.high - found.low
-        return Scaling(np.array([found.total / found.count]), spread if spread > 0 else 1.0)
+        spread = self.stored.range
+        return Scaling(np.array([self.stored.statistics.mean]), spread if spread > 0 else 1.0)
 
     def prepare(self, start: TMesh, noise: NoiseEstimate | None, dtype: np.dtype) -> AbstractSamples:
         """Pages of a size that suits the budget."""
@@ -186,9 +186,10 @@ class StoredSource(AbstractSource):
             float(scaling.offset[0]),
             scaling.factor,
             None if noise is None else max(noise.sigma / scaling.factor, FLOOR) ** 2,
-            side=page_side(self.max_memory),
+            side=page_side(self.max_memory / (1 if self.engine is None else self.engine.pages_held)),
             dtype=dtype,
             tile=tile_of(self.n_samples),
+            engine=self.engine,
         )
 
 

@@ -118,19 +118,32 @@ def _height_map(raw: RawMap, spacing, unit: str | None, height_unit: str | None,
 
 
 def _respaced(height_map: HeightMap, spacing, *, stated: bool) -> HeightMap:
-    parts = spacing.split(",") if isinstance(spacing, str) else spacing if np.ndim(spacing) else [spacing]
-    steps = [parse_length(part, height_map.unit) for part in parts]
-    if len(steps) not in (1, 2):
-        raise InputError(f"a spacing is DX or DX,DY, but got {spacing!r}")
+    steps = parse_spacing(spacing, height_map.unit)
     operations = height_map.provenance["operations"]
     if stated:
-        operations = [*operations, f"spacing {steps[0]:g},{steps[-1]:g} in place of the file's"]
+        operations = [*operations, f"spacing {steps[0]:g},{steps[1]:g} in place of the file's"]
     return HeightMap(
         height_map.heights,
-        (steps[0], steps[-1]),
+        steps,
         height_map.unit,
         provenance={**height_map.provenance, "operations": operations},
     )
+
+
+def parse_spacing(spacing: float | str | Sequence[float | str], unit: str | None) -> tuple[float, float]:
+    """Pixel spacing (dx, dy) from one or two lengths.
+
+    >>> parse_spacing("0.5um,250nm", "µm")
+    (0.5, 0.25)
+    """
+    if isinstance(spacing, str):
+        parts: Sequence[float | str] = spacing.split(",")
+    else:
+        parts = spacing if isinstance(spacing, Sequence | np.ndarray) else [spacing]
+    steps = [parse_length(part, unit) for part in parts]
+    if len(steps) not in (1, 2):
+        raise InputError(f"a spacing is DX or DX,DY, but got {spacing!r}")
+    return steps[0], steps[-1]
 
 
 def _point_cloud(raw: RawCloud, unit: str | None, provenance: dict) -> PointCloud:
