@@ -117,7 +117,8 @@ def reloaded_error(result: tsj.FitResult, height_map: tsj.HeightMap) -> float:
         tsj.save(path, result)
         surface = tsj.load(path)
     rows, columns = height_map.shape
-    x, y = np.meshgrid(np.arange(columns) * height_map.spacing[0], np.arange(rows) * height_map.spacing[1])
+    (x0, y0), (dx, dy) = height_map.origin, height_map.spacing
+    x, y = np.meshgrid(x0 + np.arange(columns) * dx, y0 + np.arange(rows) * dy)
     return float(np.nanmax(np.abs(np.asarray(surface.at(x, y)) - height_map.heights)))
 
 
