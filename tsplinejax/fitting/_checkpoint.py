@@ -28,6 +28,7 @@ from numpy.lib import format as npy_format
 
 from .._errors import InputError
 from .._version import __version__
+from ..data import Window
 from ..io._files import written_whole
 from ..mesh import TMesh, forest_from_boxes, require_forest
 from ..space import pad, to_device
@@ -41,6 +42,7 @@ from ._tally import empty_tally
 
 KIND = "tsplinejax checkpoint 1"
 SHARE = 0.1  # of the time that writing may take
+BAND = 1 << 22  # pixels of a stored map that are read at once
 _DIGESTS = ("values", "parameters", "weights", "outliers")
 
 
@@ -154,10 +156,13 @@ class _OtherProblemError(InputError):
 
 
 def _digests(source: AbstractSource) -> dict[str, str]:
-    """SHA-256 of what the samples are, part by part; a stored map is read once, window by window."""
+    """SHA-256 of what the samples are, part by part; a stored map is read once, in bands of rows."""
     if isinstance(source, StoredSource):
-        stored = source.stored
-        return {"values": _digest(map(stored.window, stored.windows()), stored.shape)}
+        rows, columns = source.stored.shape
+        step = max(1, BAND // columns)
+        bands = (slice(first, min(first + step, rows)) for first in range(0, rows, step))
+        values = (source.stored.window(Window(band, slice(0, columns))) for band in bands)
+        return {"values": _digest(values, (rows, columns))}
     assert isinstance(source, HeldSource)
     data = source.samples
     named = {"values": data.values, "parameters": data.parameters, "weights": data.weights, "outliers": source.outliers}
