@@ -224,9 +224,9 @@ def test_help_ends_with_an_example(command):
 
 
 def test_batch_takes_every_option_of_fit(command):
-    """Whatever option `fit` has, `batch fit` has, but for those that name a file of one fit alone."""
+    """Whatever option `fit` has, `batch fit` has, but for those of one fit alone: its files, and a map left on disk."""
     options = [{word for word in command(*words, "--help")[1].split() if word.startswith("--")} for words in HELPS]
-    assert options[0] - options[1] == {"--plot", "--checkpoint"}
+    assert options[0] - options[1] == {"--plot", "--checkpoint", "--max-memory"}
     assert options[1] - options[0] == {"--plots", "--pattern"}
 
 
