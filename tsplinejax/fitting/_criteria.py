@@ -22,7 +22,7 @@ from ..data import NoiseEstimate, Samples, noise_deviation
 from ._discretisation import Discretisation
 from ._moments import Moments
 from ._result import StopReason
-from ._store import Chosen, over
+from ._store import Chosen, over, put
 from ._system import bernstein_mass
 from ._tally import Tally
 
@@ -141,7 +141,6 @@ def explained_squares(
     It comes from moments, without a pass over the samples.
     """
     d = moments.load.shape[-1]
-    place = Chosen(jnp.arange(len(chosen.rows)), chosen.count)
 
     def turn(at: Array, real: Array, carry: Array) -> Array:
         rows = chosen.rows[at]
@@ -151,6 +150,6 @@ def explained_squares(
         ridge = 1e-9 * jnp.trace(mass, axis1=1, axis2=2) + jnp.finfo(mass.dtype).tiny * 1e10
         factor = jnp.linalg.cholesky(mass + ridge[:, None, None] * jnp.eye(16, dtype=mass.dtype))
         whitened = jax.scipy.linalg.solve_triangular(factor, rest, lower=True)
-        return carry.at[jnp.where(real, at, len(carry))].set(jnp.sum(whitened**2, axis=(1, 2)), mode="drop")
+        return put(carry, at, real, jnp.sum(whitened**2, axis=(1, 2)))
 
-    return over(place, turn, jnp.zeros(len(chosen.rows), points.dtype))
+    return over(chosen.places, turn, jnp.zeros(len(chosen.rows), points.dtype))

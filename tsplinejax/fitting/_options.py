@@ -32,7 +32,6 @@ class Request:
     **Attributes:**
 
     - `source`: what is fitted, and which samples are set aside.
-    - `range`: max - min of the inliers, or the diagonal of their box for points in space.
     - `tolerance`: in the data's unit, or `None` for a fit to noise.
     - `noise`: what is known of the noise, or `None`.
     - `robust`: whether outliers were looked for.
@@ -40,11 +39,15 @@ class Request:
     """
 
     source: AbstractSource
-    range: float
     tolerance: float | None
     noise: NoiseEstimate | None
     robust: bool
     warnings: tuple[str, ...]
+
+    @property
+    def range(self) -> float:
+        """Max - min of the inliers, or the diagonal of their box for points in space."""
+        return self.source.range
 
     @property
     def held(self) -> HeldSource:
@@ -79,26 +82,23 @@ def read_request(
     as_surface: bool,
 ) -> Request:
     """Check a caller's wishes against the data."""
-    if sum(option is not None for option in (tolerance, relative_tolerance, noise)) > 1:
-        raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
+    _require_one_criterion(tolerance, relative_tolerance, noise)
     source = data if isinstance(data, Samples) else as_data(data)
     samples = _samples_of(source, weights, as_surface)
     outliers = _outliers_of(source, samples, as_surface) if robust else np.zeros(len(samples), bool)
     held = HeldSource(samples, outliers)
     if not held.counted.any():
         raise InputError("no sample is left to fit: all have weight 0 or are outliers; check the weights")
-    values = samples.values[held.counted].astype(np.float64)
-    spread = float(np.linalg.norm(np.ptp(values, axis=0)))
     warnings = list(_data_warnings(samples, held.counted, robust))
     if tolerance is None and relative_tolerance is None:
         estimate = _noise_of(source, noise, samples.frame.unit)
         if estimate.texture_limited:
             warnings.append(estimate.note)
-        return Request(held, spread, None, estimate, robust, tuple(warnings))
-    limit = _limit_of(tolerance, relative_tolerance, spread, samples.frame.unit)
+        return Request(held, None, estimate, robust, tuple(warnings))
+    limit = _limit_of(tolerance, relative_tolerance, held.range, samples.frame.unit)
     sigma = quick_noise(source) if samples.dimension == 1 else 0.0
-    warnings.extend(_limit_warnings(limit, spread, sigma))
-    return Request(held, spread, limit, None, robust, tuple(warnings))
+    warnings.extend(_limit_warnings(limit, held.range, sigma))
+    return Request(held, limit, None, robust, tuple(warnings))
 
 
 def read_stored_request(
@@ -111,11 +111,9 @@ def read_stored_request(
     engine: AbstractEngine | None,
 ) -> Request:
     """Check a caller's wishes against a map that stays where it is; noise and tilt are judged by part of its rows."""
-    if sum(option is not None for option in (tolerance, relative_tolerance, noise)) > 1:
-        raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
+    _require_one_criterion(tolerance, relative_tolerance, noise)
     stored = stored if engine is None else surveyed(stored, engine)
     source = StoredSource(stored, max_memory, engine)
-    spread = stored.range
     part = stored.mosaic()
     warnings = []
     if part.valid.sum() > 3:
@@ -130,10 +128,16 @@ def read_stored_request(
         estimate = _noise_of(part, noise, stored.unit)
         if estimate.texture_limited:
             warnings.append(estimate.note)
-        return Request(source, spread, None, replace(estimate, slope_coefficient=0.0), False, tuple(warnings))
-    limit = _limit_of(tolerance, relative_tolerance, spread, stored.unit)
-    warnings.extend(_limit_warnings(limit, spread, estimate_noise(part).sigma))
-    return Request(source, spread, limit, None, False, tuple(warnings))
+        return Request(source, None, replace(estimate, slope_coefficient=0.0), False, tuple(warnings))
+    limit = _limit_of(tolerance, relative_tolerance, source.range, stored.unit)
+    warnings.extend(_limit_warnings(limit, source.range, estimate_noise(part).sigma))
+    return Request(source, limit, None, False, tuple(warnings))
+
+
+def _require_one_criterion(*options: Length | None) -> None:
+    """Raise where several of tolerance, relative tolerance and noise are given."""
+    if sum(option is not None for option in options) > 1:
+        raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
 
 
 def _limit_of(tolerance: Length | None, relative_tolerance: float | None, spread: float, unit: str | None) -> float:

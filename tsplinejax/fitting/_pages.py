@@ -130,10 +130,6 @@ class PagedSamples(AbstractSamples):
             heights = self.source.window(page.window)
             yield page.on_device(heights), Blocks(found.fields, found.slot, inside[found.owner])
 
-    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
-        """Every pixel is a place of its own."""
-        return np.minimum(counts, 2)
-
 
 def page_side(max_memory: float) -> int:
     """Pixels along a page's side, a power of two, for a budget of memory in bytes.

@@ -67,12 +67,12 @@ class AbstractSamples(ABC):
         The parts that follow each other may share elements, not samples.
         """
 
-    @abstractmethod
     def places_in(self, tmesh: TMesh, counts: Int[np.ndarray, " elements"]) -> Int[np.ndarray, " elements"]:
         """Number of different places that hold a sample, per element of the T-mesh; two stands for more.
 
-        `counts` are the numbers of samples of a weight above zero.
+        `counts` are the numbers of samples of a weight above zero; every pixel is a place of its own.
         """
+        return np.minimum(counts, 2)
 
 
 class AbstractHeldSamples(AbstractSamples):
@@ -172,10 +172,6 @@ class GridSamples(AbstractHeldSamples):
     def blocks(self, elements: BezierElements, chosen: np.ndarray, slots: np.ndarray) -> Blocks:
         """Squares of at most 4 × 4 pixels."""
         return pixel_blocks(*rectangles(self.columns, self.rows, elements.boxes[chosen]), slots)
-
-    def places_in(self, tmesh: TMesh, counts: np.ndarray) -> np.ndarray:
-        """Every pixel is a place of its own."""
-        return np.minimum(counts, 2)
 
     def collect(self, blocks: Blocks, per_lane: np.ndarray) -> np.ndarray:
         """Pixel by pixel, the missing ones left out."""

@@ -60,6 +60,11 @@ class AbstractSource(ABC):
 
     @property
     @abstractmethod
+    def range(self) -> float:
+        """Largest minus smallest value of those that count; for points in space the diagonal of their box."""
+
+    @property
+    @abstractmethod
     def scaling(self) -> Scaling:
         """Centred on the mean of the samples that count, in units of their range (the diagonal of their box)."""
 
@@ -112,11 +117,15 @@ class HeldSource(AbstractSource):
         return float(np.sum(values**2)), float(np.sum((values - values.mean(axis=0)) ** 2))
 
     @cached_property
+    def range(self) -> float:
+        """Found once."""
+        return float(np.linalg.norm(np.ptp(self.samples.values[self.counted].astype(np.float64), axis=0)))
+
+    @cached_property
     def scaling(self) -> Scaling:
         """Found once."""
         values = self.samples.values[self.counted].astype(np.float64)
-        spread = float(np.linalg.norm(np.ptp(values, axis=0)))
-        return Scaling(values.mean(axis=0), spread if spread > 0 else 1.0)
+        return Scaling(values.mean(axis=0), self.range if self.range > 0 else 1.0)
 
     def prepare(self, start: TMesh, noise: NoiseEstimate | None, dtype: np.dtype) -> AbstractSamples:
         """As pixels where they come from a grid, else sorted."""
@@ -172,10 +181,14 @@ class StoredSource(AbstractSource):
         return found.centred + found.count * found.mean**2, found.centred
 
     @property
+    def range(self) -> float:
+        """The map's."""
+        return self.stored.range
+
+    @property
     def scaling(self) -> Scaling:
         """From the map's statistics."""
-        spread = self.stored.range
-        return Scaling(np.array([self.stored.statistics.mean]), spread if spread > 0 else 1.0)
+        return Scaling(np.array([self.stored.statistics.mean]), self.range if self.range > 0 else 1.0)
 
     def prepare(self, start: TMesh, noise: NoiseEstimate | None, dtype: np.dtype) -> AbstractSamples:
         """Pages of a size that suits the budget."""

@@ -34,6 +34,11 @@ class Chosen(eqx.Module):
     rows: Int[Array, " capacity"]
     count: Int[Array, ""]
 
+    @property
+    def places(self) -> "Chosen":
+        """The places in the list, to run over where results are wanted in its order."""
+        return Chosen(jnp.arange(len(self.rows)), self.count)
+
 
 def choose(rows: np.ndarray, capacity: int) -> Chosen:
     """A list of rows for the device."""
@@ -134,7 +139,7 @@ def over(chosen: Chosen, turn: Callable[[Array, Array, Carry], Carry], carry: Ca
     return in_turns(chosen.count, length, body, carry)
 
 
-def _put(store: Array, rows: Array, real: Bool[Array, " chunk"], values: Array) -> Array:
+def put(store: Array, rows: Array, real: Bool[Array, " chunk"], values: Array) -> Array:
     """Write rows, but not those that only pad."""
     return store.at[jnp.where(real, rows, len(store))].set(values, mode="drop")
 
@@ -144,7 +149,7 @@ def clear(moments: Moments, chosen: Chosen) -> Moments:
     """No samples in the chosen elements."""
 
     def turn(rows: Array, real: Array, carry: Moments) -> Moments:
-        return jax.tree.map(lambda part: _put(part, rows, real, jnp.zeros((), part.dtype)), carry)
+        return jax.tree.map(lambda part: put(part, rows, real, jnp.zeros((), part.dtype)), carry)
 
     return over(chosen, turn, moments)
 
@@ -162,7 +167,7 @@ def _extract_rows(
 
     def turn(rows: Array, real: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         pieces = extract(functions[rows], knots, boxes[rows], along[0].dtype)
-        return _put(carry[0], rows, real, pieces[0]), _put(carry[1], rows, real, pieces[1])
+        return put(carry[0], rows, real, pieces[0]), put(carry[1], rows, real, pieces[1])
 
     return over(chosen, turn, along)
 
@@ -191,7 +196,7 @@ def assemble_rows(
         sides = _sides(boxes[rows], lattice, along_s.dtype) * extent
         part = Moments(moments.mass[rows], moments.load[rows])
         matrices, loads = element_matrices(functions[rows], along_s[rows], along_t[rows], sides, part, smoothing)
-        return _put(carry[0], rows, real, matrices), _put(carry[1], rows, real, loads)
+        return put(carry[0], rows, real, matrices), put(carry[1], rows, real, loads)
 
     return over(chosen, turn, rows_of)
 
@@ -219,7 +224,6 @@ def _place_points(
     d = coefficients.shape[1]
     if points.shape[-1] > d:
         coefficients = jnp.concatenate([coefficients, jnp.ones_like(coefficients[:, :1])], axis=1)
-    place = Chosen(jnp.arange(len(chosen.rows)), chosen.count)
 
     def turn(at: Array, real: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         rows = chosen.rows[at]
@@ -229,9 +233,9 @@ def _place_points(
             for k in range(functions.shape[1])
         )
         energies = piece_energies(pieces[..., :d], _sides(boxes[rows], lattice, points.dtype) * extent)
-        return _put(carry[0], rows, real, pieces), _put(carry[1], at, real, energies)
+        return put(carry[0], rows, real, pieces), put(carry[1], at, real, energies)
 
-    return over(place, turn, (points, jnp.zeros(len(chosen.rows), points.dtype)))
+    return over(chosen.places, turn, (points, jnp.zeros(len(chosen.rows), points.dtype)))
 
 
 @jax.jit
@@ -249,7 +253,6 @@ def transfer(
     the old Bézier points at `row`, at the local inner `knots`, divided by their Σb where the points carry it.
     """
     d = old.shape[1]
-    place = Chosen(jnp.arange(len(altered.rows)), altered.count)
 
     def turn(at: Array, real: Array, carry: Array) -> Array:
         pieces = points[row[at]]
@@ -257,6 +260,6 @@ def transfer(
         moved = add_up(s[:, a, None] * add_up(t[:, b, None] * pieces[:, a, b] for b in range(4)) for a in range(4))
         if moved.shape[1] > d:
             moved = moved[:, :d] / jnp.where(moved[:, d:] > 0, moved[:, d:], 1)
-        return _put(carry, altered.rows[at], real, moved)
+        return put(carry, altered.rows[at], real, moved)
 
-    return over(place, turn, jnp.where((kept >= 0)[:, None], old[jnp.maximum(kept, 0)], 0))
+    return over(altered.places, turn, jnp.where((kept >= 0)[:, None], old[jnp.maximum(kept, 0)], 0))
