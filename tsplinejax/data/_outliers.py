@@ -132,11 +132,11 @@ def _gaps(
 
 def _lonely_gaps(heights: np.ndarray, valid: np.ndarray, pixels: Int[np.ndarray, " m"], floor: float) -> Gap:
     """The gap below pixels in nearly empty windows, among the nearest valid pixels (of very many, a part) anywhere."""
-    from scipy.spatial import KDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
     others = np.flatnonzero(valid)
     others = others[:: max(1, len(others) // 500_000)]
-    tree = KDTree(np.stack(np.unravel_index(others, heights.shape), axis=1))
+    tree = cKDTree(np.stack(np.unravel_index(others, heights.shape), axis=1))
     places = np.stack(np.unravel_index(pixels, heights.shape), axis=1)
     nearest = others[tree.query(places, np.arange(1, min(48, len(others)) + 1))[1]]
     values = heights.flat[pixels]
@@ -205,10 +205,10 @@ def _of_scattered(places: Float[np.ndarray, "m 2"], heights: np.ndarray, contras
 
 def _nearest(points: np.ndarray) -> tuple[Int[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
     """Indices of the nearest points, the point itself first, and the distance to more of them than a cluster has."""
-    from scipy.spatial import KDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
     spread = np.ptp(points, axis=0).max()
-    tree = KDTree(points / (spread if spread > 0 else 1.0))
+    tree = cKDTree(points / (spread if spread > 0 else 1.0))
     distances, nearest = tree.query(tree.data, k=min(_NEAREST, len(points)), workers=-1)
     # Among coincident points the tree may name another one first.
     nearest[:, 0] = np.arange(len(points))

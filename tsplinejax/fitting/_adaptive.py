@@ -31,6 +31,7 @@ from ._store import (
     Chosen,
     Store,
     choose,
+    choose_among,
     clear,
     fresh_store,
     grow,
@@ -45,6 +46,7 @@ LONG_SOLVE = 400  # iterations of the solves at the start and the end
 # Where a step's solve and the last one may end: moves of the control points, in thresholds of the criterion.
 LOOSE, FINE = 0.1, 0.02
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
+TRIFLE = 0.005  # share of the elements for which a stage is not worth another step
 # Relative gradients: where a long solve stops for certain, and above which it needs help.
 TIGHT, ACCEPTABLE = 1e-13, 1e-5
 
@@ -221,11 +223,11 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
 
 
 def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"], float]:
-    """Elements to bisect and the stage they were marked against: the first that marks any."""
+    """Elements to bisect and the stage they were marked against: the first that marks more than a trifle."""
     can = splittable(problem, state)
     worst = float(state.excess[can].max())
     stage = max(1.0, worst * problem.stage_factor) if np.isinf(state.stage) else state.stage
-    while stage > 1 and worst <= stage:
+    while stage > 1 and np.count_nonzero(can & (state.excess > stage)) <= TRIFLE * len(can):
         stage = max(1.0, stage * problem.stage_factor)
     return can & (state.excess > stage), stage
 
@@ -310,7 +312,7 @@ def _solve_step(
         affected = np.sort(mesh.slots[mesh.touched_by(free)])  # rows in the order of memory
     solution = conjugate_gradients(
         store.system,
-        choose(affected, mesh.capacity),
+        choose_among(affected, len(mesh.slots), mesh.capacity),
         start,
         to_device(pad(free, mesh.capacity, False)),
         to_device(solver.iterations, np.int32),
@@ -326,7 +328,7 @@ def _solve_long(problem: Problem, mesh: Discretisation, store: Store, start: Arr
     tight = max(TIGHT, 10 * float(np.finfo(problem.dtype).eps))
     solution = conjugate_gradients(
         store.system,
-        _every(mesh),
+        choose_among(mesh.slots, len(mesh.slots), mesh.capacity),
         start,
         to_device(np.arange(mesh.capacity) < n),
         to_device(LONG_SOLVE, np.int32),

@@ -18,7 +18,7 @@ from ._problem import Problem
 from ._run import Run
 from ._samples import AbstractHeldSamples
 from ._solve import conjugate_gradients
-from ._store import assemble_rows, choose, renew_points
+from ._store import assemble_rows, choose, choose_among, renew_points
 from ._system import System
 
 PROBES = 8
@@ -75,7 +75,7 @@ class _Trial:
         free = jnp.arange(mesh.capacity) < mesh.tmesh.n_anchors
         solution = conjugate_gradients(
             system,
-            every,
+            choose_among(mesh.slots, len(mesh.slots), mesh.capacity),
             start,
             free,
             to_device(ITERATIONS, np.int32),

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._store import Chosen, over
+from ._store import Chosen, Consecutive, Members, over, rows_at
 from ._system import System
 from ._tiles import add_up
 
@@ -68,7 +68,7 @@ class Solution(eqx.Module):
 @jax.jit
 def conjugate_gradients(
     system: System,
-    chosen: Chosen,
+    chosen: Chosen | Members,
     start: Float[Array, "capacity d"],
     free: Bool[Array, " capacity"],
     iterations: Int[Array, ""],
@@ -94,31 +94,38 @@ def conjugate_gradients(
     return Solution(x, k, error)
 
 
-def _multiply(system: System, chosen: Chosen, x: Float[Array, "capacity d"]) -> Float[Array, "capacity d"]:
+def _multiply(system: System, chosen: Chosen | Members, x: Float[Array, "capacity d"]) -> Float[Array, "capacity d"]:
     """Σ_e A_e x over the chosen elements."""
 
-    def turn(rows: Array, real: Array, total: Array) -> Array:
-        return total.at[jnp.maximum(system.functions[rows], 0)].add(_products(system, rows, real, x))
+    def turn(rows: Array | Consecutive, real: Array, total: Array) -> Array:
+        functions = jnp.maximum(rows_at(system.functions, rows), 0)
+        return total.at[functions].add(_products(system.matrices, rows, real, x[functions]))
 
     return over(chosen, turn, jnp.zeros_like(x))
 
 
-def _products(system: System, rows: Array, real: Array, x: Array) -> Float[Array, "chunk K d"]:
+def _products(
+    matrices: Float[Array, "e K K"],
+    rows: Array | Consecutive,
+    real: Bool[Array, " chunk"],
+    local: Float[Array, "chunk K d"],
+) -> Float[Array, "chunk K d"]:
     """A_e x for a chunk of elements; the matrices are symmetric, so their rows serve as columns."""
-    local = x[jnp.maximum(system.functions[rows], 0)]
     local = jnp.where(real[:, None, None], local, 0)
-    return add_up(system.matrices[rows, j][..., None] * local[:, j, None] for j in range(local.shape[1]))
+    if isinstance(rows, Consecutive):
+        chunk = rows_at(matrices, rows)
+        return add_up(chunk[:, j, :, None] * local[:, j, None] for j in range(local.shape[1]))
+    return add_up(matrices[rows, j][..., None] * local[:, j, None] for j in range(local.shape[1]))
 
 
-def _first_pass(system: System, chosen: Chosen, x: Array) -> tuple[Array, Array, Array]:
+def _first_pass(system: System, chosen: Chosen | Members, x: Array) -> tuple[Array, Array, Array]:
     """Diagonal, right-hand side, and matrix times x, of the chosen elements."""
-    own = jnp.arange(system.functions.shape[1])
 
-    def turn(rows: Array, real: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        functions = jnp.maximum(system.functions[rows], 0)
-        squares = jnp.where(real[:, None], system.matrices[rows[:, None], own, own], 0)
-        loads = jnp.where(real[:, None, None], system.loads[rows], 0)
-        products = _products(system, rows, real, x)
+    def turn(rows: Array | Consecutive, real: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        functions = jnp.maximum(rows_at(system.functions, rows), 0)
+        squares = jnp.where(real[:, None], jnp.diagonal(rows_at(system.matrices, rows), axis1=1, axis2=2), 0)
+        loads = jnp.where(real[:, None, None], rows_at(system.loads, rows), 0)
+        products = _products(system.matrices, rows, real, x[functions])
         diagonal, load, product = carry
         return diagonal.at[functions].add(squares), load.at[functions].add(loads), product.at[functions].add(products)
 

@@ -8,7 +8,7 @@ slots and run over it in chunks, as many as the list is long, so that one compil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -26,6 +26,7 @@ from ._system import System, element_matrices
 from ._tiles import Carry, add_up, in_turns
 
 CHUNK = 1024  # rows in a turn of a kernel's loop
+FEW_ROWS = 8192  # a store of so few is read as a whole: a list of some of them would ask for a kernel of its own
 
 
 class Chosen(eqx.Module):
@@ -35,14 +36,62 @@ class Chosen(eqx.Module):
     count: Int[Array, ""]
 
     @property
+    def capacity(self) -> int:
+        """Length of the padded list."""
+        return len(self.rows)
+
+    def turn(self, first: Array, length: int) -> tuple[Array, Bool[Array, " length"]]:
+        """Rows of a turn, and which of them are more than padding."""
+        rows = lax.dynamic_slice_in_dim(self.rows, first, length)
+        return rows, first + jnp.arange(length) < self.count
+
+    @property
     def places(self) -> "Chosen":
         """The places in the list, to run over where results are wanted in its order."""
         return Chosen(jnp.arange(len(self.rows)), self.count)
 
 
+class Consecutive(eqx.Module):
+    """Consecutive rows."""
+
+    first: Int[Array, ""]
+    length: int = eqx.field(static=True)
+
+
+class Members(eqx.Module):
+    """Most of the first `count` rows of a store: all are read, in place, which is faster than picking them."""
+
+    member: Bool[Array, " capacity"]
+    count: Int[Array, ""]
+
+    @property
+    def capacity(self) -> int:
+        """Rows of the store."""
+        return len(self.member)
+
+    def turn(self, first: Array, length: int) -> tuple[Consecutive, Bool[Array, " length"]]:
+        """Rows of a turn, and which of them are members."""
+        member = lax.dynamic_slice_in_dim(self.member, first, length)
+        return Consecutive(first, length), member & (first + jnp.arange(length) < self.count)
+
+
+def rows_at(array: Array, rows: Array | Consecutive) -> Array:
+    """Rows of an array, wherever they lie or in a run."""
+    return lax.dynamic_slice_in_dim(array, rows.first, rows.length) if isinstance(rows, Consecutive) else array[rows]
+
+
 def choose(rows: np.ndarray, capacity: int) -> Chosen:
     """A list of rows for the device."""
     return Chosen(to_device(pad(rows.astype(np.int32), capacity, 0)), to_device(len(rows), np.int32))
+
+
+def choose_among(rows: np.ndarray, count: int, capacity: int) -> Chosen | Members:
+    """Rows among the first `count`, as a list where they are few of many."""
+    if count > FEW_ROWS and 2 * len(rows) < count:
+        return choose(rows, capacity)
+    member = np.zeros(capacity, bool)
+    member[rows] = True
+    return Members(to_device(member), to_device(count, np.int32))
 
 
 class Store(eqx.Module):
@@ -128,13 +177,12 @@ def with_mesh(store: Store, mesh: Discretisation, touched: np.ndarray) -> Store:
     return replace(store, along_s=along[0], along_t=along[1])
 
 
-def over(chosen: Chosen, turn: Callable[[Array, Array, Carry], Carry], carry: Carry) -> Carry:
-    """Run `turn(rows, real, carry)` over the chosen rows, a chunk at a time; padded entries are not `real`."""
-    length = min(CHUNK, chosen.rows.shape[0])
+def over(chosen: Chosen | Members, turn: Callable[[Any, Array, Carry], Carry], carry: Carry) -> Carry:
+    """Consecutive `turn(rows, real, carry)` over the chosen rows, a chunk at a time; padded entries are not `real`."""
+    length = min(CHUNK, chosen.capacity)
 
     def body(first: Array, carry: Carry) -> Carry:
-        rows = lax.dynamic_slice_in_dim(chosen.rows, first, length)
-        return turn(rows, first + jnp.arange(length) < chosen.count, carry)
+        return turn(*chosen.turn(first, length), carry)
 
     return in_turns(chosen.count, length, body, carry)
 
