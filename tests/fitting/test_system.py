@@ -7,7 +7,7 @@ import pytest
 from tsplinejax.fitting._direct import solve_directly
 from tsplinejax.fitting._residuals import all_residuals, residuals
 from tsplinejax.fitting._solve import conjugate_gradients
-from tsplinejax.fitting._store import choose, renew_points
+from tsplinejax.fitting._store import Chosen, Members, choose, choose_among, renew_points
 from tsplinejax.fitting._system import System
 from tsplinejax.space import pad, to_device
 
@@ -23,15 +23,18 @@ def as_dense(system: System, n: int) -> tuple[np.ndarray, np.ndarray]:
     return matrix, load
 
 
-def solve(system: System, case: Case, iterations: int = 3000, free: np.ndarray | None = None, start=None):
+def solve(
+    system: System, case: Case, iterations: int = 3000, free: np.ndarray | None = None, start=None, among: bool = False
+):
     """Conjugate gradients to the end, from zero, over all control points unless told otherwise."""
     capacity, n = case.mesh.capacity, case.tmesh.n_anchors
     start = jnp.zeros((capacity, case.dimension)) if start is None else start
     free = np.ones(n, bool) if free is None else free
     affected = case.mesh.slots[case.mesh.touched_by(free)]
     mask = jnp.asarray(pad(free, capacity, False))
+    chosen = choose_among(affected, len(case.mesh.slots), capacity) if among else choose(affected, capacity)
     return conjugate_gradients(
-        system, choose(affected, capacity), start, mask, jnp.asarray(iterations), jnp.asarray(1e-15), jnp.asarray(0.0)
+        system, chosen, start, mask, jnp.asarray(iterations), jnp.asarray(1e-15), jnp.asarray(0.0)
     )
 
 
@@ -46,6 +49,24 @@ def test_normal_equations(name, smoothing):
     found, found_load = as_dense(case.system(smoothing), case.tmesh.n_anchors)
     np.testing.assert_allclose(found, matrix, atol=1e-11 * np.abs(matrix).max())
     np.testing.assert_allclose(found_load, load, atol=1e-11 * np.abs(load).max())
+
+
+@pytest.mark.parametrize("name", ["closure", "hole", "points in space"])
+@pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
+def test_rows_picked_or_read_in_place(name, share):
+    """A solve is the same whether its elements are listed, or are members of a store that is read as a whole."""
+    case = CASES[name]()
+    free = np.random.default_rng(5).random(case.tmesh.n_anchors) < share
+    listed, among = (solve(case.system(1e-3), case, 8, free, among=flag) for flag in (False, True))
+    assert isinstance(choose_among(case.mesh.slots, len(case.mesh.slots), case.mesh.capacity), Members)
+    np.testing.assert_allclose(among.coefficients, listed.coefficients, rtol=0, atol=1e-13)
+    assert np.abs(listed.coefficients).max() > 0.01
+
+
+def test_few_of_many_rows_are_listed():
+    """Only where few rows of many are meant are they picked one by one."""
+    assert isinstance(choose_among(np.arange(100), 100_000, 131_072), Chosen)
+    assert isinstance(choose_among(np.arange(60_000), 100_000, 131_072), Members)
 
 
 @pytest.mark.parametrize("name", ["closure", "hole", "points in space", "rational"])
