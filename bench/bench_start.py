@@ -16,8 +16,11 @@ from reporting import keep
 from surfaces import case_study
 
 ASKED = {"cold": 4.5, "warm cache": 2.0}  # seconds
-#: Variables that would lead the command to kernels compiled elsewhere.
-CACHES = ("JAX_COMPILATION_CACHE_DIR", "JAX_ENABLE_COMPILATION_CACHE", "TSPLINEJAX_CACHE")
+#: Variables that would lead the command to kernels compiled elsewhere, or have Python translate the installed sources
+#: in every start.
+NOT_A_USERS = (
+    "JAX_COMPILATION_CACHE_DIR", "JAX_ENABLE_COMPILATION_CACHE", "TSPLINEJAX_CACHE", "PYTHONDONTWRITEBYTECODE",
+)  # fmt: skip
 
 
 def main(size: int = 512, rounds: int = 3) -> None:
@@ -32,7 +35,7 @@ def one_round(size: int) -> list[dict]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         np.save(Path(folder) / "plate.npy", case_study("T2", size).heights)
-        environment = {name: value for name, value in os.environ.items() if name not in CACHES}
+        environment = {name: value for name, value in os.environ.items() if name not in NOT_A_USERS}
         environment["XDG_CACHE_HOME"] = environment["LOCALAPPDATA"] = folder
         program = str(Path(sys.executable).parent / "tsplinejax")
         command = [program, "fit", "plate.npy", "-o", "plate.tspl", "--relative-tolerance", "0.01", "--lattice", "8x8"]
