@@ -1,13 +1,12 @@
 """Results of the benchmarks as tables: `python docs/make_tables.py` writes docs/benchmarks.md and the README's table.
 
 Every `bench/bench_NAME.py` becomes a section of the page: what it asks, in the words of its docstring, and the rows,
-versions and machine of each result that it left in bench/results; "not run" where it left none. In the README it is one
-line: the question, and the notes as the answer. Pictures are drawn from the same results.
+versions and machine of each result that it left in bench/results; "not run" where it left none. The README has a few
+headlines of them. Pictures are drawn from the same results.
 """
 
 import ast
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,7 @@ def documents() -> dict[Path, str]:
     page = "\n".join([INTRODUCTION, *(_section(script, found) for script, found in results.items())])
     before, _, rest = README.read_text(encoding="utf-8").partition(OPENING)
     after = rest.partition(CLOSING)[2]
-    return {PAGE: page, README: f"{before}{OPENING}\n{_summary(results)}{CLOSING}{after}"}
+    return {PAGE: page, README: f"{before}{OPENING}\n{_summary()}{CLOSING}{after}"}
 
 
 def _results() -> dict[str, list[dict[str, Any]]]:
@@ -61,17 +60,85 @@ def _script_of(result: dict[str, Any], scripts: list[str]) -> str | None:
     return next((prefix for prefix in prefixes if prefix in scripts), None)
 
 
-def _summary(results: dict[str, list[dict[str, Any]]]) -> str:
-    """The README's table: one line a script."""
-    rows = [{"what is measured": _question(script), "result": _answer(script, results[script])} for script in results]
-    return f"{_table(rows)}\nAll rows, peers and versions: [benchmarks](docs/benchmarks.md).\n"
+def _summary() -> str:
+    """The README's table: a few headlines, each with the peer from the same run, of those results that are there."""
+    rows = [headline() for headline in HEADLINES]
+    note = "All rows, peers and versions, and what falls short: [benchmarks](docs/benchmarks.md)."
+    return f"{_table([row for row in rows if row])}\n{note}\n"
 
 
-def _answer(script: str, found: list[dict[str, Any]]) -> str:
-    """The notes of a script's results, or where its table is."""
-    notes = "; ".join(filter(None, map(_notes, found)))
-    title = _title(script)
-    return notes or (f"[table](docs/benchmarks.md#{title.lower().replace(' ', '-')})" if found else NOT_RUN)
+def _headline(what: str, ours: str, others: str) -> dict[str, str]:
+    return {"what": what, "tsplinejax": ours, "others": others}
+
+
+def _rows(benchmark: str, **wanted: Any) -> list[dict[str, Any]]:
+    """The rows of a result with these values in the columns of these names (underscores are blanks)."""
+    path = RESULTS / f"{benchmark}.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
+    return [row for row in rows if all(row.get(name.replace("_", " ")) == value for name, value in wanted.items())]
+
+
+def _fitted(surface: str, share: float, what: str) -> dict[str, str] | None:
+    """Seconds and control points of a fit to a tolerance, and of scipy's uniform least squares."""
+    columns = {"surface": surface, "tolerance_%": share}
+    methods = ("tsplinejax, local", "scipy, uniform, sparse", "scipy, uniform, separable")
+    found = [_rows("speed", method=method, **columns) for method in methods]
+    if not all(found):
+        return None
+    ours, theirs, separable = (rows[0] for rows in found)
+    cells = [f"{row['seconds']:.2f} s, {row['control points']:,} control points" for row in (ours, theirs)]
+    others = f"scipy, uniform lattice: {cells[1]} (full grids alone: {separable['seconds']:.3f} s)"
+    return _headline(f"{what} to {share:g} % of the range, warm", cells[0], others)
+
+
+def _counted() -> dict[str, str] | None:
+    rows = _rows("counts", surface="T1", **{"tolerance_%": 0.1})
+    if not rows:
+        return None
+    what = "control points for a laser-textured disk to 0.1 %"
+    return _headline(what, f"{rows[0]['8 x 8 local']:,}", f"{rows[0]['best peer (quoted)']} (quoted)")
+
+
+def _evaluated() -> dict[str, str] | None:
+    ours, theirs = (
+        _rows("evaluate", evaluator=name, parameters="random") for name in ("TSpline", "RectBivariateSpline.ev")
+    )
+    if not ours or not theirs:
+        return None
+    cells = [f"{rows[0]['ns a point']:.0f} ns a point" for rows in (ours, theirs)]
+    return _headline("heights at 10⁷ random places", cells[0], f"scipy's `RectBivariateSpline.ev`: {cells[1]}")
+
+
+def _batched() -> dict[str, str] | None:
+    ours, theirs = (_rows("batch", batch=name) for name in ("shared space", "lstsq"))
+    if not ours or not theirs:
+        return None
+    cells = [f"{rows[0]['milliseconds a map']:.3g} ms a map" for rows in (ours, theirs)]
+    return _headline("256 maps of 256 × 256 pixels over one space", cells[0], f"one after the other: {cells[1]}")
+
+
+def _never_rose() -> dict[str, str] | None:
+    ours, theirs = (
+        _rows("monotone", method=name) for name in ("analysis-suitable, local", "dyadic, local, ring 0 (paper)")
+    )
+    if not ours or not theirs:
+        return None
+    cells = [str(rows[0]["objective rose: fits"]) for rows in (ours, theirs)]
+    return _headline(
+        f"fits whose objective ever rose, of {ours[0]['fits']} random surfaces",
+        cells[0],
+        f"the paper's way: {cells[1]}",
+    )
+
+
+HEADLINES = (
+    lambda: _fitted("T2", 1.0, "a plate with particles, 512 × 512 pixels,"),
+    lambda: _fitted("T1", 0.1, "a laser-textured disk, 512 × 512 pixels,"),
+    _counted,
+    _evaluated,
+    _batched,
+    _never_rose,
+)
 
 
 def _title(name: str) -> str:
@@ -105,12 +172,6 @@ def _made(script: str, result: dict[str, Any]) -> str:
         f"By `{command}` on {result['date']} with {versions}, Python {machine['python']}; "
         f"{machine['processor']}, {machine['cores']} cores{memory}.\n"
     )
-
-
-def _question(script: str) -> str:
-    """The first sentence of the script's docstring, without its full stop."""
-    # A sentence ends where a capital follows: not at "Fig. 5".
-    return re.split(r"(?<=[?])\s|\.\s+(?=[A-Z])|\.$", _docstring(script).replace("\n", " "), maxsplit=1)[0]
 
 
 def _notes(result: dict[str, Any]) -> str:
