@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
-from scipy.spatial import Delaunay  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
 from .._errors import InputError
 from ._boundary import outline, outside_left
 from ._corners import corners_of, placed_corners
+from ._delaunay import delaunay
 from ._harmonic import Harmonic, cloud_laplacian, dilatation, harmonic_rectangle, mesh_laplacian
 from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_torn
 from ._result import Dilatation
@@ -135,10 +135,7 @@ def _triangulated(
 
     Points that coincide there are left out.
     """
-    mesh = Delaunay(plane)
-    a, b, c = np.moveaxis(plane[mesh.simplices], 1, 0)
-    (ax, ay), (bx, by) = (b - a).T, (c - a).T
-    triangles = np.where((ax * by < ay * bx)[:, None], mesh.simplices[:, [1, 0, 2]], mesh.simplices)
+    triangles = delaunay(plane)
     used = np.zeros(len(plane), bool)
     used[triangles] = True
     used[loop[corners]] = True
