@@ -19,9 +19,7 @@ from ._triangles import Loop, boundary_loops, length_of, pieces, unpinched, vect
 _LONG = 1.8  # reaches
 
 
-def find_boundary(
-    data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30
-) -> Int[np.ndarray, " b"]:
+def find_boundary(data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30) -> Int[np.ndarray, " b"]:
     """Find the outer boundary of a cloud of points in space; holes are not part of it.
 
     Triangles, if the data have any, are not used: a mesh's boundary is what its edges say.
@@ -62,9 +60,7 @@ def outside_left(
     return (loop if left else loop[::-1]), warning
 
 
-def outline(
-    points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]
-) -> Loop:
+def outline(points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]) -> Loop:
     """Return the outer loop of points laid out flat, counter-clockwise there.
 
     **Raises:** `InputError` where what is left after peeling falls into pieces.
