@@ -15,6 +15,7 @@ from ._harmonic import areas, cloud_laplacian, dilatation, harmonic_rectangle, m
 from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_torn
 from ._result import Dilatation
 from ._sheet import sheet_of
+from ._smooth import smoothed
 from ._thin import thinned
 from ._triangles import Loop, Triangles, boundary_loops, half_edges
 
@@ -95,7 +96,8 @@ def of_cloud(task: Task, max_points: int) -> Solution:
     used[triangles] = True
     number = np.cumsum(used) - 1
     ring = max(boundary_loops(number[triangles]), key=len)
-    solution = _on_mesh(points[used], number[triangles], ring, number[loop[corners]])
+    surface = smoothed(points, plane, task.neighbours)
+    solution = _on_mesh(surface[used], number[triangles], ring, number[loop[corners]])
     boundary = names[np.roll(loop, -corners[0])]
     return Solution(names[used], *solution[:1], boundary, names[loop[corners]], *solution[1:], tuple(warnings))
 
