@@ -13,10 +13,8 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from .._errors import require
 from ._result import Dilatation
 from ._triangles import Loop, Triangles
-
 
 _FLATTEST = 1e-9  # area of a triangle, as a share of the mean, below which it counts as one of that area
 
@@ -31,15 +29,6 @@ class Harmonic(NamedTuple):
     def side_ratio(self) -> float:
         """The ratio h = √(E_u / E_v) of the rectangle's sides."""
         return float(np.sqrt(self.energies[0] / self.energies[1]))
-
-
-def cloud_laplacian(points: Float[np.ndarray, "m 3"], neighbours: int) -> sparse.csc_matrix:
-    """The Laplacian of a bare point cloud, positive semi-definite.
-
-    Sharp & Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020.
-    """
-    library = require("robust_laplacian", "mesh")
-    return library.point_cloud_laplacian(points, n_neighbors=min(neighbours, len(points) - 1))[0]
 
 
 def _elements(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.ndarray, "k 3 3"]:
@@ -63,7 +52,7 @@ def areas(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.nd
 def mesh_laplacian(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> sparse.csc_matrix:
     """The Laplacian of linear finite elements on a triangle mesh, positive semi-definite (cotangent weights).
 
-    Not the intrinsic Delaunay one: on a ragged boundary its flips would let the solution leak through the sides.
+    Not those of intrinsic Delaunay triangles: on a ragged boundary their flips let the solution leak through the sides.
     """
     rows, columns = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel()
     values = _elements(points, triangles).ravel()
