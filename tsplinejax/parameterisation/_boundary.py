@@ -1,7 +1,7 @@
 """The outer boundary of a point cloud, as a loop of points.
 
-A layout in the plane is triangulated (Delaunay). Triangles that are too long in space, for the density of points there, are
-peeled off from outside; long triangles further in close holes and stay. What is left has the outline as its outer loop.
+A layout in the plane is triangulated (Delaunay). Triangles that are too long in space, for the density of points there,
+are peeled off from outside; long triangles further in close holes and stay. What is left has the outline as outer loop.
 """
 
 from typing import Any, NamedTuple

@@ -1,9 +1,9 @@
 """The four corners of a boundary loop.
 
-Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another set
-are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink where
-one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite sides
-are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
+Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another
+set are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink
+where one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite
+sides are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
 """
 
 from itertools import combinations
@@ -37,8 +37,8 @@ def find_corners(
     - `outward`: direction (x, y, z) out of the material: the outline as seen from there comes first.
     - `neighbours`: how many nearest points show a point's surroundings.
 
-    **Returns:** (4,) indices of points in the boundary's order. The first is the one from which the first side runs most
-    nearly along +x.
+    **Returns:** (4,) indices of points in the boundary's order. The first is the one from which the first side runs
+    most nearly along +x.
 
     **Raises:** `InputError` for a boundary that is not a loop of points of the cloud.
 

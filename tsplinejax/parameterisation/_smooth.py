@@ -1,7 +1,8 @@
 """Smooth the positions of points in space, as functions of rough coordinates, so that noise does not count as shape.
 
-Noise makes a triangulated cloud rough: its area grows, and angles on it are not those of the surface. A quadratic in the
-coordinates, fitted to each point's neighbours, reproduces a smooth surface to the fourth order of their spacing.
+Noise makes a triangulated cloud rough: its area grows, and angles on it are not those of the surface. A quadratic in
+the coordinates, fitted to each point's neighbours, reproduces a smooth surface to the third order of their spacing, or
+better.
 """
 
 import numpy as np
