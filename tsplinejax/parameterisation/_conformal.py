@@ -1,6 +1,6 @@
 """Conformal parameters of a disk-like surface: angles are kept, lengths scaled by the same factor in all directions.
 
-A triangle mesh is solved once, with its holes closed. A bare cloud takes two passes: Delaunay triangles of a layout give
+A triangle mesh is solved once, its holes closed. A bare cloud takes two passes: Delaunay triangles of a layout give
 rough coordinates, and the Delaunay triangles of these, which are nearly those of the surface, the final ones. Holes are
 closed by the triangles across them.
 """
@@ -55,8 +55,8 @@ def conformal(
     **Raises:** `InputError` where the data are not one disk (closed, several pieces, branched, all on one line), for
     equal points, and for corners or a boundary that do not fit.
 
-    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4), solved with linear
-    finite elements.
+    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4); linear finite
+    elements.
 
     >>> x, y = np.meshgrid(np.linspace(0, 2, 21), np.linspace(0, 1, 11))
     >>> result = conformal(np.stack([x, y, 0.3 * x * y], axis=-1).reshape(-1, 3))
@@ -73,7 +73,7 @@ def conformal(
     same = first[inverse]  # every point's representative among equal ones
     size = cloud.diagonal
     task = Task(
-        (given - given.mean(axis=0)) / size,
+        (given - given[first].mean(axis=0)) / size,
         first,
         towards,
         None if corners is None else same[checked_corners(corners, given)],
@@ -115,8 +115,8 @@ def _result(
             )
     if abs(solution.certificate - 1) > _DOUBTFUL:
         warnings.append(
-            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, or "
-            "the corners or the boundary are not what they seem; see corners= and boundary="
+            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, "
+            "or the corners or the boundary are not what they seem; see corners= and boundary="
         )
     area = solution.area * size**2
     ratio = solution.side_ratio
