@@ -20,7 +20,9 @@ def _sphere(count):
 
 
 def _tetrahedron():
-    return PointCloud([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], triangles=[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    return PointCloud(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], triangles=[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    )
 
 
 def _branched():
@@ -37,7 +39,9 @@ def _moebius(count=60):
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), across * np.sin(angle / 2)])
     left, right = np.arange(0, 2 * count, 2), np.arange(1, 2 * count, 2)
     next_left, next_right = np.append(left[1:], right[0]), np.append(right[1:], left[0])
-    triangles = np.concatenate([np.column_stack([left, right, next_right]), np.column_stack([left, next_right, next_left])])
+    triangles = np.concatenate(
+        [np.column_stack([left, right, next_right]), np.column_stack([left, next_right, next_left])]
+    )
     return PointCloud(points, triangles=triangles)
 
 

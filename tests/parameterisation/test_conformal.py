@@ -102,7 +102,9 @@ def test_convergence_to_the_known_map():
     for scale in (1, 2):
         points, triangles, known, _ = _mercator(40 * scale + 1, 30 * scale + 1)
         corner = [0, 40 * scale, len(points) - 1, len(points) - 40 * scale - 1]
-        errors.append(np.abs(conformal(PointCloud(points, triangles=triangles), corners=corner).parameters - known).max())
+        errors.append(
+            np.abs(conformal(PointCloud(points, triangles=triangles), corners=corner).parameters - known).max()
+        )
     assert errors[1] < errors[0] / 3
 
 

@@ -85,7 +85,7 @@ def conformal(
         solution = of_mesh(task, same[triangles])
     else:
         solution = of_cloud(task, max_points)
-    return _result(solution, task, same, size, cloud.unit)
+    return _result(solution, task, same, size, cloud.unit, max_points)
 
 
 def _equal_points(first: Int[np.ndarray, " n"], inverse: Int[np.ndarray, " m"]) -> str:
@@ -99,7 +99,7 @@ def _equal_points(first: Int[np.ndarray, " n"], inverse: Int[np.ndarray, " m"]) 
 
 
 def _result(
-    solution: Solution, task: Task, same: Int[np.ndarray, " m"], size: float, unit: str | None
+    solution: Solution, task: Task, same: Int[np.ndarray, " m"], size: float, unit: str | None, max_points: int
 ) -> Parameterisation:
     """Give every point its parameters, and say what is doubtful."""
     warnings = list(solution.warnings)
@@ -109,7 +109,7 @@ def _result(
     if len(left):
         known = task.points[solution.solved]
         parameters[left] = interpolated(known, solution.parameters, task.points[left])
-        if not warnings:
+        if len(task.distinct) <= max_points:
             warnings.append(
                 f"{len(left)} points belong to no triangle of the surface; their parameters are interpolated"
             )

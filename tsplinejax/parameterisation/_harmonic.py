@@ -66,7 +66,7 @@ def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np
 
     **Arguments:**
 
-    - `laplacian`: (n, n), positive semi-definite.
+    - `laplacian`: (n, n), symmetric and positive semi-definite.
     - `loop`: vertices of the outer boundary.
     - `corners`: places in the loop of (0, 0), (1, 0), (1, 1), (0, 1).
     """
@@ -80,7 +80,7 @@ def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np
 
 
 def _dirichlet(laplacian: sparse.csc_matrix, zero: Loop, one: Loop) -> Float[np.ndarray, " n"]:
-    values = np.zeros(laplacian.shape[0])
+    values = np.zeros(len(laplacian.indptr) - 1)
     values[one] = 1.0
     free = np.ones(len(values), bool)
     free[zero] = free[one] = False
