@@ -1,4 +1,4 @@
-"""Conformal parameters: conformal on clean and damaged clouds, equal to known maps, independent of order, pose and unit."""
+"""Conformal parameters: conformal on clean and damaged clouds, equal to known maps, whatever order, pose and unit."""
 
 import time
 
@@ -50,7 +50,8 @@ def test_holes_and_noise(name, noise):
     result, clean = conformal(damaged), conformal(points)
     assert result.dilatation.median < 1.07
     assert abs(result.certificate - 1) < 0.005
-    assert result.sides == pytest.approx(clean.sides, rel=0.03)
+    # The outline of noisy points lies some standard deviations further out, on either side.
+    assert np.abs(np.subtract(result.sides, clean.sides)).max() < 0.01 * max(clean.sides) + 6 * sigma
 
 
 def _mercator(columns=161, rows=121):
@@ -88,7 +89,8 @@ def test_known_maps(surface, bare):
     """Meshes, and clouds of their vertices, give the known conformal map and side ratio to 1e-3."""
     points, triangles, known, ratio = surface()
     corner = [0, 160, len(points) - 1, len(points) - 161]
-    normal = np.cross(points[1] - points[0], points[161] - points[0])
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    normal = np.cross(b - a, c - a).sum(axis=0)
     data = points if bare else PointCloud(points, triangles=triangles)
     result = conformal(data, corners=corner, outward=normal)
     assert np.abs(result.parameters - known).max() < 1e-3
@@ -151,7 +153,7 @@ def test_winding_says_the_outward_side():
     u, v = grid(21, 15)
     points, triangles = SURFACES["dome"](u, v), grid_triangles(21, 15)
     up = conformal(PointCloud(points, triangles=triangles), outward=(0, 0, -1)).parameters
-    assert np.abs(up[:, 0] - u).max() < 0.1 and np.abs(up[:, 1] - v).max() < 0.1
+    assert np.abs(up - np.stack([u, v], axis=1)).max() < 0.1
     down = conformal(PointCloud(points, triangles=triangles[:, ::-1])).parameters
     np.testing.assert_allclose(down[:, 1], 1 - up[:, 1], atol=1e-9)
     mixed = triangles.copy()
@@ -188,7 +190,8 @@ def test_many_points_are_thinned():
     points = SURFACES["dome"](*grid(150, 120))
     full, thin = conformal(points), conformal(points, max_points=4000)
     off = np.abs(full.parameters - thin.parameters).max(axis=1)
-    assert off.max() < 0.02 and np.quantile(off, 0.5) < 0.003
+    assert off.max() < 0.02
+    assert np.quantile(off, 0.5) < 0.003
     assert "18000 points thinned out to 4000" in thin.warnings
 
 
@@ -212,7 +215,8 @@ def test_height_maps():
     height_map = HeightMap(heights, (1.0, 4 / 3), "um")
     result = conformal(height_map)
     assert len(result) == height_map.valid.sum()
-    assert result.unit == height_map.unit and result.certificate == pytest.approx(1, abs=0.01)
+    assert result.unit == height_map.unit
+    assert result.certificate == pytest.approx(1, abs=0.01)
 
 
 @pytest.mark.slow
@@ -222,7 +226,8 @@ def test_speed():
     started = time.process_time()
     result = conformal(points)
     assert time.process_time() - started < 30
-    assert abs(result.certificate - 1) < 0.005 and result.dilatation.median < 1.02
+    assert abs(result.certificate - 1) < 0.005
+    assert result.dilatation.median < 1.02
 
 
 @pytest.mark.parametrize("bare", [False, True])
@@ -232,7 +237,7 @@ def test_face_scan(shared_data, bare):
     result = conformal(face.points if bare else face)
     assert abs(result.certificate - 1) < 0.005
     assert result.dilatation.median < 1.02
-    assert result.parameters.min() == 0 and result.parameters.max() == 1
+    assert (result.parameters.min(), result.parameters.max()) == (0, 1)
 
 
 def test_blade_patch(shared_data):

@@ -19,7 +19,8 @@ def delaunay(
     """Return Delaunay triangles, counter-clockwise, peeled from outside.
 
     Along a straight side of the hull rounding makes triangles of three points nearly in a line, which carry nothing but
-    rounding errors; these are peeled off, and with them what is unwanted. What is reached only through triangles that stay, stays.
+    rounding errors; these are peeled off, and with them what is unwanted. What is reached only through triangles that
+    stay, stays.
 
     >>> delaunay(np.array([[0.0, 0], [1, 0], [2, 0], [1, 1]])).tolist()
     [[3, 1, 2], [1, 3, 0]]

@@ -18,7 +18,7 @@ from ._result import Dilatation
 from ._triangles import Loop, Triangles
 
 _INSIDE = 1e-6
-_FLATTEST = 1e-9  # area of a triangle, as a share of the mean, below which it counts as one of that area
+_FLATTEST = 1e-4  # area of a triangle, as a share of the mean, below which it counts as one of that area
 
 
 class Harmonic(NamedTuple):

@@ -1,9 +1,9 @@
 """Lay a point cloud out flat, roughly: enough to see its outline.
 
 The view from outside or the least-squares plane serves where the points project onto it without folds; else classical
-scaling of geodesic distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using landmark
-points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are far off in
-space.
+scaling of geodesic distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using
+landmark points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are
+far off in space.
 """
 
 from typing import NamedTuple
