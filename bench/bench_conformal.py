@@ -1,8 +1,8 @@
 """Conformal parameters: how conformal, on which clouds, in how long; `python bench/bench_conformal.py [largest]`.
 
-Freeforms sampled at random, clean and damaged (three holes, noise of 0.3 spacings, 1 % outliers up to 20 times that), with
-the projection on the least-squares plane beside them: the peer that everybody has. Its dilatation is judged by the same
-triangles as ours. A sphere's patch in Mercator's coordinates tells the error against a known map. Processor seconds.
+Freeforms sampled at random, clean and damaged (three holes, noise of 0.3 spacings, 1 % outliers up to 20 times that),
+with the projection on the least-squares plane beside them: the peer that everybody has. Its dilatation is judged by
+the same triangles as ours. A sphere in Mercator's coordinates tells the error against a known map. Processor seconds.
 """
 
 import sys
