@@ -1,4 +1,4 @@
-"""Conformal parameters: how conformal, on which clouds, in how long; `python bench/bench_conformal.py [largest]`.
+"""Conformal parameters: how conformal, on which clouds, in how long?
 
 Freeforms sampled at random, clean and damaged (three holes, noise of 0.3 spacings, 1 % outliers up to 20 times that),
 with the projection on the least-squares plane beside them: the peer that everybody has. Its dilatation is judged by
