@@ -18,6 +18,7 @@ HERE = Path(__file__).parent
 #: Arguments that make a benchmark small enough to be tried.
 SMALL = {
     "batch": ["4", "2", "1", "2"],
+    "conformal": ["2000"],
     "fig5": ["64", "20"],
     "growth": ["14", "16", "16", "3"],
     "monotone": ["3"],

@@ -40,6 +40,7 @@ from .mesh import (
     is_analysis_suitable as is_analysis_suitable,
     refine as refine,
 )
+from .parameterisation import Parameterisation as Parameterisation, conformal as conformal, planar as planar
 from .space import SplineSpace as SplineSpace, spline_space as spline_space
 from .surface import (
     TSpline as TSpline,
