@@ -6,46 +6,25 @@ every valid pixel is within the bound after rounding to the written dtype.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
-from .._version import __version__
 from ..data import HeightMap, as_data, parse_length
-from ._compressed import most_pixels
-from ._decompress import decode
-from ._entropy import Encoder
-from ._grid import MOST_UNITS, UNITS, HeightCoder
-from ._lossless import encode_exactly
-from ._mask import code_mask
-from ._plain import plain
-from ._sections import sealed
+from ._candidates import (
+    Task,
+    corrected_models,
+    grid_file,
+    largest_error,
+    lossless_file,
+    pays,
+    pure_models,
+)
 
 Choice = Literal["smallest", "grid", "model", "lossless"]
 _CHOICES = ("smallest", "grid", "model", "lossless")
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is compressed.
-
-    **Attributes:**
-
-    - `data`: the map; `heights`: its heights in the dtype that is written; `missing`: where they are NaN.
-    - `bound`: largest error of a valid pixel, in the map's unit.
-    - `inner`: the bound less what rounding to the dtype and different machines may add; not above zero where these
-      leave nothing.
-    """
-
-    data: HeightMap
-    heights: Float[np.ndarray, "rows columns"]
-    missing: Bool[np.ndarray, "rows columns"]
-    bound: float
-    inner: float
 
 
 def compress(
@@ -89,21 +68,16 @@ def compress(
     if mode not in _CHOICES:
         raise InputError(f"mode is one of {', '.join(_CHOICES)}, but got {mode!r}")
     task = _task(data, max_error, relative_max_error, dtype)
-    best: bytes | None = None
-    for content in _candidates(task, mode):
-        if (best is None or len(content) < len(best)) and _keeps_bound(task, content):
-            best = content
+    best = min((content for content in _candidates(task, mode) if content is not None), key=len, default=None)
     if best is None:
         raise InputError(
-            f"no {mode} file keeps the bound {task.bound:.4g} in {task.heights.dtype}; use mode='smallest', a larger "
-            "bound or another dtype"
+            f"no {mode} file keeps the bound {task.bound:.4g} in {task.dtype}; use mode='smallest', a larger bound or "
+            "another dtype"
         )
     return best
 
 
-def _task(
-    data: Any, max_error: float | str | None, relative_max_error: float | None, dtype: DTypeLike | None
-) -> Task:
+def _task(data: Any, max_error: float | str | None, relative_max_error: float | None, dtype: DTypeLike | None) -> Task:
     """The map and the bound, checked."""
     surface = as_data(data)
     if not isinstance(surface, HeightMap):
@@ -116,24 +90,23 @@ def _task(
     with np.errstate(over="ignore"):
         heights = surface.heights.astype(written)
     largest = float(np.abs(heights[valid]).max())
-    if not np.isfinite(largest) or _largest_error(heights, surface.heights) > bound:
+    if not np.isfinite(largest) or largest_error(heights, surface.heights) > bound:
         raise InputError(
             f"heights cannot be written as {written} within a bound of {bound:.4g}: rounding alone exceeds it; use "
             "dtype='float64' or a larger bound"
         )
     # Rounding to the dtype, and evaluation that differs in its last digits from machine to machine.
     slack = float(np.spacing(written.type(largest))) + 64 * float(np.spacing(largest))
-    return Task(surface, heights, ~valid, bound, bound - slack)
+    return Task(surface, written, ~valid, bound, bound - slack)
 
 
 def _bound(data: HeightMap, max_error: float | str | None, relative_max_error: float | None) -> float:
     """The bound in the map's unit."""
     if (max_error is None) == (relative_max_error is None):
         raise InputError("give either max_error or relative_max_error: the bound that every pixel keeps")
+    bound = 0.0 if relative_max_error is None else float(relative_max_error) * data.range
     if max_error is not None:
         bound = parse_length(max_error, data.unit)
-    else:
-        bound = float(relative_max_error) * data.range  # type: ignore[arg-type]
     if not np.isfinite(bound) or bound < 0:
         raise InputError(f"a bound is finite and at least zero, but got {bound!r}; zero keeps every bit")
     return bound
@@ -150,90 +123,26 @@ def _written_dtype(dtype: DTypeLike | None, own: np.dtype) -> np.dtype:
     return written
 
 
-def _candidates(task: Task, mode: Choice) -> Iterator[bytes]:
-    """Files that may keep the bound, the last resort last."""
-    span = float(np.ptp(task.heights[~task.missing].astype(np.float64)))
-    fits = task.inner > 0 and span / task.inner * UNITS < MOST_UNITS
-    if fits and mode in ("smallest", "grid"):
-        yield _grid_file(task)
-    if mode in ("smallest", "lossless"):
-        yield _lossless_file(task)
+def _candidates(task: Task, mode: Choice) -> Iterator[bytes | None]:
+    """Files of the modes asked for; `None` for those that do not keep the bound."""
+    if mode == "lossless" or not task.lossy:
+        if mode in ("smallest", "lossless"):
+            yield lossless_file(task)
+        return
+    if mode == "model":
+        yield from _first(pure_models(task))
+        return
+    grid = grid_file(task)
+    yield grid
+    if mode == "smallest":
+        yield lossless_file(task)
+        if grid is not None and task.smooth and pays(task, grid):
+            yield from corrected_models(task, grid)
 
 
-def _grid_file(task: Task) -> bytes:
-    """Predicted pixels."""
-    filled = filled_in(task)
-    offset, step = _middle(filled), 2 * task.inner
-    coder = Encoder()
-    if task.missing.any():
-        code_mask(coder, task.missing.shape, task.missing)
-    HeightCoder(coder, task.missing, (filled - offset) / (step / UNITS)).run()
-    return _file(task, "grid", list(coder.finish()), offset=offset, step=step)
-
-
-def _lossless_file(task: Task) -> bytes:
-    """Every bit."""
-    coder = Encoder()
-    if task.missing.any():
-        code_mask(coder, task.missing.shape, task.missing)
-    return _file(task, "lossless", [*coder.finish(), encode_exactly(task.heights, task.missing)])
-
-
-def _middle(heights: np.ndarray) -> float:
-    """A height that differences are small to."""
-    return float(heights.min()) / 2 + float(heights.max()) / 2
-
-
-def filled_in(task: Task) -> Float[np.ndarray, "rows columns"]:
-    """The given heights in float64, each missing one replaced by that of the nearest valid pixel."""
-    heights = task.data.heights.astype(np.float64)
-    if not task.missing.any():
-        return heights
-    from scipy.ndimage import distance_transform_edt
-
-    nearest: Any = distance_transform_edt(task.missing, return_distances=False, return_indices=True)
-    return heights[tuple(nearest)]
-
-
-def _file(
-    task: Task, mode: str, sections: list[bytes], *, offset: float = 0.0, step: float = 0.0, model: Any = None
-) -> bytes:
-    """The whole file; its largest error is measured on what it decodes to."""
-    data = task.data
-    header = {
-        "software": f"tsplinejax {__version__}",
-        "provenance": plain(data.provenance),
-        "unit": data.unit,
-        "origin": list(data.origin),
-        "spacing": list(data.spacing),
-        "missing": int(np.count_nonzero(task.missing)),
-        "dtype": str(task.heights.dtype),
-        "shape": list(data.shape),
-        "tolerance": task.bound,
-        "max_error": 0.0,
-        "offset": offset,
-        "step": step,
-        "mode": mode,
-        "model": model,
-    }
-    draft = sealed(header, sections)
-    if task.heights.size > most_pixels(len(draft)):
-        return draft  # refused when it is checked
-    error = _largest_error(decode(draft)[1], data.heights)
-    return sealed({**header, "max_error": float(np.format_float_scientific(error, 6))}, sections)
-
-
-def _keeps_bound(task: Task, content: bytes) -> bool:
-    """Whether a file comes back with every valid pixel within the bound, and the missing ones missing."""
-    try:
-        _, heights = decode(content)
-    except InputError:  # of more pixels than its bytes may declare
-        return False
-    return np.array_equal(np.isnan(heights), task.missing) and _largest_error(heights, task.data.heights) <= task.bound
-
-
-def _largest_error(heights: np.ndarray, given: np.ndarray) -> float:
-    """Largest difference of the valid pixels, rounded up."""
-    differences = np.abs(heights.astype(np.float64) - given.astype(np.float64))
-    worst = float(np.nanmax(differences))
-    return worst if worst == 0 else float(np.nextafter(worst, np.inf))
+def _first(contents: Iterator[bytes | None]) -> Iterator[bytes]:
+    """The first file that keeps the bound."""
+    for content in contents:
+        if content is not None:
+            yield content
+            return

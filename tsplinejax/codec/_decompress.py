@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,13 @@ from ._entropy import Decoder
 from ._grid import UNITS, HeightCoder
 from ._lossless import decode_exactly
 from ._mask import code_mask
+from ._model import RoundedModel, code_model, heights_on_grid, surface_of_model
 from ._sections import MARK, opened
+
+NO_MODEL = (
+    "it holds the pixels of a height map, and no T-spline; read it with decompress, or compress the map with "
+    "mode='model' (--mode model)"
+)
 
 
 def decompress(source: bytes | str | os.PathLike, *, shape: Sequence[int] | None = None) -> HeightMap:
@@ -38,12 +46,20 @@ def decompress(source: bytes | str | os.PathLike, *, shape: Sequence[int] | None
     >>> decompress(content).valid.sum(), decompress(content, shape=(3, 5)).shape
     (np.int64(3), (3, 5))
     """
-    with _named(source):
-        header, heights = decode(content_of(source))
+    with named(source):
+        decoded = decode(content_of(source))
+        header = decoded.header
         data = HeightMap(
-            heights, header.spacing, header.unit, origin=header.origin, provenance=header.provenance
+            decoded.heights, header.spacing, header.unit, origin=header.origin, provenance=header.provenance
         )
-        return data if shape is None else resampled(data, _checked_shape(shape, data.shape))
+    if shape is None:
+        return data
+    size = _checked_shape(shape, data.shape)
+    other = resampled(data, size)
+    if decoded.model is None or header.model is None or header.model.residual:
+        return other
+    exact = heights_on_grid(surface_of_model(header, decoded.model, np.float64), size)
+    return other.with_heights(np.where(other.valid, exact, np.nan).astype(header.dtype))
 
 
 def compressed_header(source: bytes | str | os.PathLike) -> CompressedHeader:
@@ -55,7 +71,7 @@ def compressed_header(source: bytes | str | os.PathLike) -> CompressedHeader:
     >>> compressed_header(compress([[0.0, 1.0], [2.0, 3.0]], max_error=0.1)).shape
     (2, 2)
     """
-    with _named(source):
+    with named(source):
         content = content_of(source)
         return parse_compressed(opened(content)[0], len(content))
 
@@ -73,31 +89,67 @@ def is_compressed(path: str | os.PathLike) -> bool:
         return stream.read(len(MARK)) == MARK
 
 
-def _named(source: object):
+def named(source: bytes | str | os.PathLike) -> AbstractContextManager[None]:
     """Say in every error which file it is about."""
     held = isinstance(source, bytes | bytearray | memoryview)
     return reading(Path("compressed.tspl") if held else existing_file(source))  # type: ignore[arg-type]
 
 
-def decode(content: bytes) -> tuple[CompressedHeader, Float[np.ndarray, "rows columns"]]:
-    """Header and heights of a compressed file."""
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """What a compressed file holds; `model` is `None` where there is no T-spline."""
+
+    header: CompressedHeader
+    heights: Float[np.ndarray, "rows columns"]
+    model: RoundedModel | None
+
+
+def decode(content: bytes) -> Decoded:
+    """Everything in a compressed file."""
+    header, sections = read_file(content)
+    coder = Decoder(sections[0], sections[1])
+    missing = _missing(header, coder)
+    dtype, model = np.dtype(header.dtype), None
+    if header.mode == "lossless":
+        heights = decode_exactly(sections[2], dtype, missing)
+    else:
+        base = np.float64(header.offset)
+        if header.model is not None:
+            model = code_model(coder, header.model, None)
+            base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
+        heights = _corrected(header, coder, missing, base).astype(dtype)
+        heights[missing] = np.nan
+    if not np.isfinite(heights[~missing]).all():
+        raise InputError("its heights are not finite; it was damaged: copy it again")
+    return Decoded(header, heights, model)
+
+
+def decode_model(content: bytes) -> tuple[CompressedHeader, RoundedModel]:
+    """The T-spline of a compressed file, its pixels left alone."""
+    header, sections = read_file(content)
+    if header.model is None:
+        raise InputError(NO_MODEL)
+    coder = Decoder(sections[0], sections[1])
+    _missing(header, coder)
+    return header, code_model(coder, header.model, None)
+
+
+def read_file(content: bytes) -> tuple[CompressedHeader, list[bytes]]:
+    """The header and as many sections as its mode has."""
     entries, sections = opened(content)
     header = parse_compressed(entries, len(content))
     if len(sections) != (3 if header.mode == "lossless" else 2):
         raise InputError(f"it holds {len(sections)} sections, which is wrong for the mode {header.mode}")
-    coder = Decoder(sections[0], sections[1])
-    missing = _missing(header, coder)
-    dtype = np.dtype(header.dtype)
-    if header.mode == "lossless":
-        heights = decode_exactly(sections[2], dtype, missing)
-    else:
-        units = HeightCoder(coder, missing, None).run()
-        with np.errstate(over="ignore"):
-            heights = (header.offset + units * (header.step / UNITS)).astype(dtype)
-        heights[missing] = np.nan
-    if not np.isfinite(heights[~missing]).all():
-        raise InputError("its heights are not finite; it was damaged: copy it again")
-    return header, heights
+    return header, sections
+
+
+def _corrected(
+    header: CompressedHeader, coder: Decoder, missing: np.ndarray, base: np.ndarray | np.float64
+) -> Float[np.ndarray, "rows columns"]:
+    """Heights: a base, and where there are any, corrections of single pixels."""
+    if header.model is not None and not header.model.residual:
+        return np.asarray(base)
+    return base + HeightCoder(coder, missing, None).run() * (header.step / UNITS)
 
 
 def _missing(header: CompressedHeader, coder: Decoder) -> np.ndarray:

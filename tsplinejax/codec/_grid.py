@@ -66,9 +66,7 @@ class Pass:
 def _make_pass(
     name: str, parity: tuple[int, int], nearest: list, groups: list[list[tuple[int, int]]], weights: tuple[int, ...]
 ) -> Pass:
-    return Pass(
-        name, parity, _neighbours(parity, nearest), [_neighbours(parity, group) for group in groups], weights
-    )
+    return Pass(name, parity, _neighbours(parity, nearest), [_neighbours(parity, group) for group in groups], weights)
 
 
 _CROSS = [(-1, 0), (1, 0), (0, -1), (0, 1)]
@@ -179,9 +177,7 @@ class HeightCoder:
     missing: Bool[np.ndarray, "rows columns"]
     target: Float[np.ndarray, "rows columns"] | None
     models: dict[str, Model] = field(
-        default_factory=lambda: {
-            which.name: make_model(len(_CLASSES) * _ROUGH, len(_CLASSES)) for which in PASSES
-        }
+        default_factory=lambda: {which.name: make_model(len(_CLASSES) * _ROUGH, len(_CLASSES)) for which in PASSES}
     )
     weights: Model = field(default_factory=lambda: make_model(1, 1))
 
