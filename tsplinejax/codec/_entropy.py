@@ -165,11 +165,17 @@ def _batches(count: int):
         start, length = start + length, min(2 * length, _LAST_BATCH)
 
 
-def _family() -> Any:
-    """Distributions given with every symbol."""
+def _streams() -> Any:
+    """The range coder and its distributions, imported when first used."""
     import constriction
 
-    return constriction.stream.model.Categorical(perfect=False)
+    # An extension module whose parts its type stubs do not show.
+    return constriction.stream  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _family() -> Any:
+    """Distributions given with every symbol."""
+    return _streams().model.Categorical(perfect=False)
 
 
 @dataclass(eq=False)
@@ -186,12 +192,10 @@ class Encoder(AbstractCoder):
 
     def finish(self) -> tuple[bytes, bytes]:
         """The coded tokens, with the number of different tokens in the first byte, and the plain bits."""
-        import constriction
-
         parts = [split(values) for _, _, values in self.calls]
         n_tokens = max([int(tokens.max(initial=0)) for tokens, _, _ in parts], default=0) + 1
         n_tokens = max(n_tokens, 2)
-        coder: Any = constriction.stream.queue.RangeEncoder()
+        coder: Any = _streams().queue.RangeEncoder()
         family = _family()
         for (model, contexts, _), (tokens, _, _) in zip(self.calls, parts, strict=True):
             for part in _batches(len(tokens)):
@@ -214,14 +218,12 @@ class Decoder(AbstractCoder):
     plain: bytes
 
     def __post_init__(self) -> None:
-        import constriction
-
         if len(self.tokens) % 4 != 1 or not 2 <= self.tokens[0] <= N_TOKENS:
             raise InputError(_DAMAGED)
         self._n_tokens = self.tokens[0]
         words = np.frombuffer(self.tokens, "<u4", offset=1).astype(np.uint32)
         # One word more than was written is read ahead of the last symbols.
-        self._coder: Any = constriction.stream.queue.RangeDecoder(np.concatenate([words, np.zeros(2, np.uint32)]))
+        self._coder: Any = _streams().queue.RangeDecoder(np.concatenate([words, np.zeros(2, np.uint32)]))
         self._family = _family()
         self._bits = np.unpackbits(np.frombuffer(self.plain, np.uint8))
         self._place = 0
