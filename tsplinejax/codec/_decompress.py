@@ -117,7 +117,8 @@ def decode(content: bytes) -> Decoded:
         if header.model is not None:
             model = code_model(coder, header.model, None)
             base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
-        heights = _corrected(header, coder, missing, base).astype(dtype)
+        with np.errstate(over="ignore"):
+            heights = _corrected(header, coder, missing, base).astype(dtype)
         heights[missing] = np.nan
     if not np.isfinite(heights[~missing]).all():
         raise InputError("its heights are not finite; it was damaged: copy it again")

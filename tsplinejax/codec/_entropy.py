@@ -8,10 +8,11 @@ on counts is on integers: encoder and decoder agree on every machine. The range 
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from .._errors import InputError
 
@@ -22,6 +23,7 @@ MOST_DIGITS = 40
 N_TOKENS = 2 * _PLAIN + 1 + 2 * (MOST_DIGITS - 3)
 _FIRST_BATCH, _LAST_BATCH = 128, 4096
 _GROWTH = 32  # what a coded token adds to its count
+_GUESSED = 2 * _GROWTH  # what a guess about a bit counts
 _HALVED_AT = 1 << 18
 
 #: One context of each family for every number.
@@ -92,11 +94,11 @@ def unpacked(bits: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return values
 
 
-def start_counts(contexts: int) -> Int[np.ndarray, "contexts tokens"]:
-    """Counts before anything was seen: two-sided geometric distributions that widen with the context's number."""
-    ratios = [(_RATIOS[min(k, len(_RATIOS) - 1)]) for k in range(contexts)]
-    counts = np.ones((contexts, N_TOKENS), np.int64)
-    for row, (up, down) in enumerate(ratios):
+@cache
+def _start_counts() -> Int[np.ndarray, "widths tokens"]:
+    """Counts before anything was seen: two-sided geometric distributions, from nearly all zeros to nearly flat."""
+    counts = np.ones((len(_RATIOS), N_TOKENS), np.int64)
+    for row, (up, down) in enumerate(_RATIOS):
         weight = 1 << 20
         counts[row, 0] = weight
         for size in range(1, _PLAIN + 1):
@@ -144,9 +146,20 @@ _SHARE = 1 << 40
 _DAMAGED = "its coded numbers end too early or make no sense; it was damaged: copy it again"
 
 
-def make_model(first: int, second: int) -> Model:
-    """A model of so many contexts in each family."""
-    return Model(start_counts(first), start_counts(second))
+def number_model(first: int, second: int) -> Model:
+    """A model of numbers, whose contexts of each family start with distributions that widen with their number."""
+    widest = len(_RATIOS) - 1
+    tables = [_start_counts()[np.minimum(np.arange(contexts), widest)] for contexts in (first, second)]
+    return Model(*tables)
+
+
+def bit_model(first: Float[np.ndarray, " contexts"], second: Float[np.ndarray, " contexts"]) -> Model:
+    """A model of bits, from a guess for each context of either family how often the bit is one."""
+    tables = [np.ones((len(guess), N_TOKENS), np.int64) for guess in (first, second)]
+    for table, guess in zip(tables, (first, second), strict=True):
+        ones = np.rint(np.clip(guess, 1 / 64, 63 / 64) * _GUESSED).astype(np.int64)
+        table[:, 0], table[:, 1] = _GUESSED - ones, ones
+    return Model(*tables)
 
 
 class AbstractCoder(ABC):

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ._entropy import AbstractCoder, Model, make_model
+from ._entropy import AbstractCoder, Model, number_model
 
 #: Units of a prediction to one step of the corrections; a power of two.
 UNITS = 64
@@ -177,9 +177,9 @@ class HeightCoder:
     missing: Bool[np.ndarray, "rows columns"]
     target: Float[np.ndarray, "rows columns"] | None
     models: dict[str, Model] = field(
-        default_factory=lambda: {which.name: make_model(len(_CLASSES) * _ROUGH, len(_CLASSES)) for which in PASSES}
+        default_factory=lambda: {which.name: number_model(len(_CLASSES) * _ROUGH, len(_CLASSES)) for which in PASSES}
     )
-    weights: Model = field(default_factory=lambda: make_model(1, 1))
+    weights: Model = field(default_factory=lambda: number_model(1, 1))
 
     def run(self) -> Int[np.ndarray, "rows columns"]:
         """The heights in units, as they are decoded."""
@@ -189,7 +189,7 @@ class HeightCoder:
         """The coarsest pixels, without a prediction."""
         wanted = None if self.target is None else self._steps(self.target[::stride, ::stride], 0)
         nowhere = np.zeros(shape, np.int64)
-        steps = self._coded(make_model(1, 1), (nowhere, nowhere), wanted, np.ones(shape, bool))
+        steps = self._coded(number_model(1, 1), (nowhere, nowhere), wanted, np.ones(shape, bool))
         return np.stack([steps * UNITS, np.zeros(shape, np.int64)])
 
     def _between(self, stride: int, which: Pass, planes: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:

@@ -12,7 +12,7 @@ from jaxtyping import Int
 
 from ..mesh import TMesh, anchor_codes, require_forest
 from ..mesh._codes import DEPTH, UNIT, z_order
-from ._entropy import AbstractCoder, make_model
+from ._entropy import AbstractCoder, number_model
 
 _CLASSES = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112, 160, 224, 320, 448, 640])
 _LARGEST = 1 << 20
@@ -55,7 +55,7 @@ def code_points(coder: AbstractCoder, tmesh: TMesh, points: Int[np.ndarray, " n"
     sizes = np.zeros(len(anchors.codes), np.int64)
     known = anchors.order == 0
     values[known], sizes[known] = _code_lattice(coder, anchors, known, points)
-    model = make_model(len(_CLASSES) * 6, len(_CLASSES) * 3)
+    model = number_model(len(_CLASSES) * 6, len(_CLASSES) * 3)
     for order in range(1, int(anchors.order.max()) + 1):
         at_order = np.flatnonzero(anchors.order == order)
         for parity in (0, 1):
@@ -79,7 +79,7 @@ def _code_lattice(
         grid = points[known][order].reshape(rows, -1)
         wanted = np.diff(np.diff(grid, axis=0, prepend=0), axis=1, prepend=0).ravel()
     nowhere = np.zeros(len(order), np.int64)
-    steps = coder.code(make_model(1, 1), (nowhere, nowhere), wanted).reshape(rows, -1)
+    steps = coder.code(number_model(1, 1), (nowhere, nowhere), wanted).reshape(rows, -1)
     values = np.empty(len(order), np.int64)
     values[order] = np.cumsum(np.cumsum(steps, axis=0), axis=1).ravel()
     return values, nowhere

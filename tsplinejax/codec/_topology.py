@@ -11,10 +11,12 @@ from jaxtyping import Bool, Int
 from .._errors import InputError
 from ..mesh import MAX_LEVEL, Direction, TMesh, forest_from_boxes
 from ..mesh._codes import DEPTH, UNIT, cell_boxes, z_order
-from ._entropy import AbstractCoder, Model, make_model
+from ._entropy import AbstractCoder, Model, bit_model
 
 _PHASES = ((0, 0), (1, 1), (0, 1), (1, 0))
 _RINGS = 16
+#: How often a cell is split, by how many of its neighbours are known to be.
+_SHARES = (np.arange(9) + 1) / 12
 
 
 def code_topology(
@@ -25,7 +27,7 @@ def code_topology(
     **Raises:** `InputError` where more elements are read than `most_elements`.
     """
     codes = _lattice_codes(lattice, first_cut)
-    model = make_model(4 * 9 * 2, 9 * 9 * 3)
+    model = bit_model(np.tile(np.repeat(_SHARES, 2), 4), np.repeat(_SHARES, 27))
     leaves, level, count = [], 0, len(codes)
     while codes.size and level < MAX_LEVEL:
         cells = _Cells(codes, level, lattice, first_cut)
