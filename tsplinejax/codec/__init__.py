@@ -1,4 +1,4 @@
-"""Model files: a T-spline on disk, plain, versioned, free of pickles and checked on load."""
+"""Model files, plain and to the last bit, and compressed height maps, every valid pixel within a bound."""
 
 from ._compress import compress as compress
 from ._compressed import CompressedHeader as CompressedHeader

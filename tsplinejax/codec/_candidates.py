@@ -95,12 +95,12 @@ def corrected_models(task: Task, other: bytes) -> Iterator[bytes | None]:
 
 def pure_models(task: Task) -> Iterator[bytes | None]:
     """T-splines that keep the bound alone, the smallest first."""
-    surface, filled = _fitted(task, _TIGHT_FIT, None), _filled_in(task)
+    surface, filled = _fitted(task, _TIGHT_FIT, max(64, int(task.data.valid.sum()))), _filled_in(task)
     for share in _TIGHT_STEPS:
         yield _model_file(task, surface, share * task.inner, filled, correct=False)
 
 
-def _fitted(task: Task, share: float, most: int | None) -> TSpline:
+def _fitted(task: Task, share: float, most: int) -> TSpline:
     """A T-spline with errors of so many bounds, or as good as the number of control points allows."""
     tolerance = share * task.inner
     return fit(task.data, tolerance=tolerance, max_control_points=most, dtype="float64").surface
