@@ -1,5 +1,7 @@
 """`compress` and `decompress`: the file, the report, and the way back."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ def test_there_and_back(report, height_map):
     assert said["tolerance"] == back["tolerance"] == pytest.approx(bound)
     assert errors.max() <= bound
     assert said["max_error"] == back["max_error"] == pytest.approx(errors.max(), rel=1e-12)
-    assert said["bytes"] == open("map.tspl", "rb").seek(0, 2)  # noqa: SIM115
+    assert said["bytes"] == Path("map.tspl").stat().st_size
     assert said["ratio"] == pytest.approx(height_map.heights.nbytes / said["bytes"])
     assert (decoded.unit, decoded.spacing, decoded.origin) == (height_map.unit, height_map.spacing, height_map.origin)
     np.testing.assert_array_equal(decoded.valid, height_map.valid)
