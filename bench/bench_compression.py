@@ -37,7 +37,7 @@ def main(*only: str) -> None:
         for share in shares:
             rows.append(row(name, data, share))
             print(rows[-1], file=sys.stderr, flush=True)
-    keep("compression" if not only else "compression_part", rows, peers=("constriction", "pysz", "imagecodecs", "zfpy"))
+    keep("compression" if not only else "compression_part", rows, peers=("constriction", "pysz", "imagecodecs"))
 
 
 def surfaces() -> Iterator[tuple[str, tsj.HeightMap, tuple[float, ...]]]:
@@ -123,9 +123,8 @@ def _sperr(heights: np.ndarray, bound: float) -> Coded:
 
 
 def _zfp(heights: np.ndarray, bound: float) -> Coded:
-    zfpy = import_module("zfpy")
-    coded = zfpy.compress_numpy(heights, tolerance=bound)
-    return len(coded), zfpy.decompress_numpy(coded)
+    coded = _codecs().zfp_encode(heights, level=bound, mode="a")
+    return len(coded), _codecs().zfp_decode(coded)
 
 
 def _lerc(heights: np.ndarray, bound: float) -> Coded:

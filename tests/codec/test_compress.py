@@ -1,5 +1,9 @@
 """Compression: every valid pixel within the bound, missing ones missing, metadata kept; else it is refused."""
 
+import subprocess
+import sys
+import zlib
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -212,11 +216,25 @@ def test_flat_and_tiny_maps():
 def test_measured_maps(shared_data, name):
     """Real maps, striated, ragged and stepped: within the bound, and well below deflate of the rounded heights."""
     pytest.importorskip("SurfaceTopography")
-    import zlib
-
     data = tsj.read(shared_data / name)
     bound = 0.001 * data.range
     content = tsj.compress(data, max_error=bound, mode="grid")
     assert _error(data, tsj.decompress(content)) <= bound
     rounded = np.nan_to_num(np.rint(data.heights / (2 * bound))).astype(np.int16)
     assert len(content) < 0.8 * len(zlib.compress(rounded.tobytes(), 9))
+
+
+def test_without_x64(tmp_path):
+    """With JAX's 64-bit mode off pixels are coded as ever, and a T-spline is refused with the line that fixes it."""
+    code = """
+import numpy as np, tsplinejax as tsj
+from tsplinejax.data import peaks
+print(len(tsj.decompress(tsj.compress(peaks((60, 80)), max_error=0.01, mode="grid")).heights))
+try: tsj.compress(peaks((60, 80)), max_error=0.01)
+except tsj.InputError as error: print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    rows, message = run.stdout.splitlines()
+    assert rows == "60"
+    assert "jax.config.update('jax_enable_x64', True)" in message
+    assert "mode='grid'" in message

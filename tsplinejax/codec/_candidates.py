@@ -18,7 +18,7 @@ from ._entropy import Encoder
 from ._grid import MOST_UNITS, UNITS, HeightCoder
 from ._lossless import encode_exactly
 from ._mask import code_mask
-from ._model import RoundedModel, code_model, heights_on_grid
+from ._model import RoundedModel, code_model, heights_on_grid, require_x64
 from ._plain import plain
 from ._sections import sealed
 
@@ -102,8 +102,8 @@ def pure_models(task: Task) -> Iterator[bytes | None]:
 
 def _fitted(task: Task, share: float, most: int) -> TSpline:
     """A T-spline with errors of so many bounds, or as good as the number of control points allows."""
-    tolerance = share * task.inner
-    return fit(task.data, tolerance=tolerance, max_control_points=most, dtype="float64").surface
+    require_x64()
+    return fit(task.data, tolerance=share * task.inner, max_control_points=most, dtype="float64").surface
 
 
 def _model_file(

@@ -53,7 +53,8 @@ def compress(
     **Returns:** the file's bytes.
 
     **Raises:** `InputError` for a point cloud, a map without valid pixels, a bound that is negative or that the dtype
-    cannot keep, and where a T-spline is insisted on but the bound is too tight for one.
+    cannot keep, where a T-spline is insisted on but the bound is too tight for one, and where a fit is due but JAX's
+    x64 mode is off.
 
     >>> x, y = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 50))
     >>> heights = np.exp(-50 * ((x - 0.5) ** 2 + (y - 0.4) ** 2))

@@ -17,7 +17,7 @@ from ._entropy import Decoder
 from ._grid import UNITS, HeightCoder
 from ._lossless import decode_exactly
 from ._mask import code_mask
-from ._model import RoundedModel, code_model, heights_on_grid, surface_of_model
+from ._model import RoundedModel, code_model, heights_on_grid, require_x64, surface_of_model
 from ._sections import MARK, opened
 
 NO_MODEL = (
@@ -115,6 +115,7 @@ def decode(content: bytes) -> Decoded:
     else:
         base = np.float64(header.offset)
         if header.model is not None:
+            require_x64()
             model = code_model(coder, header.model, None)
             base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
         with np.errstate(over="ignore"):

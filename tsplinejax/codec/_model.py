@@ -8,7 +8,7 @@ from numpy.typing import DTypeLike
 
 from .._errors import InputError
 from ..mesh import TMesh
-from ..space import spline_space
+from ..space import resolve_dtype, spline_space
 from ..surface import TSpline, make_surface
 from ._compressed import CompressedHeader, ModelPart
 from ._entropy import AbstractCoder
@@ -39,6 +39,17 @@ def code_model(coder: AbstractCoder, part: ModelPart, model: RoundedModel | None
             f"{part.elements} and {part.control_points}"
         )
     return RoundedModel(tmesh, code_points(coder, tmesh, None if model is None else model.steps))
+
+
+def require_x64() -> None:
+    """Raise unless JAX holds float64, in which bounds are kept."""
+    try:
+        resolve_dtype(np.float64)
+    except InputError as error:
+        raise InputError(
+            "a T-spline keeps its bound in float64, and JAX's 64-bit mode is off; run "
+            "jax.config.update('jax_enable_x64', True) before the first computation, or compress with mode='grid'"
+        ) from error
 
 
 def surface_of_model(header: CompressedHeader, model: RoundedModel, dtype: DTypeLike) -> TSpline:

@@ -110,7 +110,7 @@ def _code_order(coder, model, anchors: _Anchors, chosen: np.ndarray, width: int,
     rough = np.where(both, rough, 2 * rough) >> 3
     active = 2 * (sizes[left] + sizes[right])
     for side in (-1, 1):
-        beside, there = value(0, 2 * side if False else side)
+        beside, there = value(0, side)
         active = active + np.where(there, sizes[beside], 0)
     outer = has_left.astype(np.int64) + has_right
     classes = np.searchsorted(_CLASSES, active, side="right") - 1
