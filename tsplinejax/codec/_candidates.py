@@ -28,7 +28,9 @@ _LOOSE_FIT, _LOOSE_STEPS = 1.25, (1.4, 2.0, 2.8)
 # The same where the T-spline alone keeps it: the steps are tried from the coarsest on.
 _TIGHT_FIT, _TIGHT_STEPS = 0.75, (2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.3)
 #: A control point hardly takes fewer bits than these; a mesh that would exceed the other way's bytes is given up.
-_LEAST_BITS = 2.5
+_LEAST_BITS = 3.5
+#: Where a control point serves fewer pixels, a T-spline has never been the smaller way.
+_PIXELS_PER_POINT = 10
 #: Above so many bits a pixel the map is rough, and a T-spline has never been the smaller way.
 _ROUGH_BITS = 0.75
 #: The fit is left out where the bound is below so many standard deviations of the noise: it would follow the noise.
@@ -87,7 +89,7 @@ def pays(task: Task, other: bytes) -> bool:
 
 def corrected_models(task: Task, other: bytes) -> Iterator[bytes | None]:
     """T-splines, and corrections of the pixels where they are not within the bound."""
-    most = max(64, int(8 * len(other) / _LEAST_BITS))
+    most = max(64, min(int(8 * len(other) / _LEAST_BITS), int(task.data.valid.sum()) // _PIXELS_PER_POINT))
     surface, filled = _fitted(task, _LOOSE_FIT, most), _filled_in(task)
     for share in _LOOSE_STEPS:
         yield _model_file(task, surface, share * task.inner, filled, correct=True)
