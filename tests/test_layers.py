@@ -35,7 +35,17 @@ PRIVATE = {"_version", "_errors"}
 NEEDS_ONLY_DATA = {"areal", "io"}
 HOST_ONLY = {"data", "mesh"}
 ON_JAX = {"jax", "jaxlib", "equinox", "lineax", "optimistix", "jaxopt"}
-HEAVY = {"matplotlib", "dask", "optimistix", "jaxopt", "SurfaceTopography", "trimesh", "skimage", "tqdm"}
+HEAVY = {
+    "matplotlib",
+    "dask",
+    "optimistix",
+    "jaxopt",
+    "SurfaceTopography",
+    "trimesh",
+    "skimage",
+    "tqdm",
+    "constriction",
+}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common"}
 MAX_LINES = 400
 

@@ -12,11 +12,10 @@ from jaxtyping import Int
 
 from ..mesh import TMesh, anchor_codes, require_forest
 from ..mesh._codes import DEPTH, UNIT, z_order
-from ._entropy import AbstractCoder, number_model
+from ._entropy import AbstractCoder, Model, number_model
 
 _CLASSES = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112, 160, 224, 320, 448, 640])
 _LARGEST = 1 << 20
-_PHASES = ((0, 0), (1, 1), (0, 1), (1, 0))
 
 
 @dataclass(eq=False)
@@ -85,8 +84,16 @@ def _code_lattice(
     return values, nowhere
 
 
-def _code_order(coder, model, anchors: _Anchors, chosen: np.ndarray, width: int, state, points) -> None:
-    """The control points of one order and parity."""
+def _code_order(
+    coder: AbstractCoder,
+    model: Model,
+    anchors: _Anchors,
+    chosen: np.ndarray,
+    width: int,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    points: np.ndarray | None,
+) -> None:
+    """The control points of one order and parity; `state` holds values, sizes of corrections, and what is known."""
     values, sizes, known = state
     axis = anchors.axis[chosen]
     along = np.stack([axis == 0, axis == 1], axis=1).astype(np.int64) * width
