@@ -27,6 +27,7 @@ NOT_RUN = "not run"
 PICTURES = {
     "growth": {"bench_growth.png": "Seconds over samples and over control points, both on logarithmic axes"},
     "fig5": {"bench_fig5.png": "Seconds over the signal-to-noise ratio, for the paper's fits and ours"},
+    "compression": {"bench_compression.png": "Size over the largest error, both on logarithmic axes, for eight coders"},
 }
 #: Results that are too long for a table.
 UNLISTED = {"fig5_steps"}
@@ -208,7 +209,7 @@ def _cell(value: Any, within: bool = False) -> str:
 
 def _draw() -> None:
     """The pictures of the results that are there."""
-    drawings = {"growth": _draw_growth, "fig5": _draw_fig5}
+    drawings = {"growth": _draw_growth, "fig5": _draw_fig5, "compression": _draw_compression}
     for path in (RESULTS / f"{name}.json" for name in drawings):
         if path.is_file():
             rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
@@ -256,6 +257,24 @@ def _draw_fig5(rows: list[dict[str, Any]]) -> Any:
         ax.set(xlabel="signal-to-noise ratio, centred, in dB")
         ax.legend()
     return figure
+
+
+def _draw_compression(rows: list[dict[str, Any]]) -> Any:
+    """Size over the bound, a line for each coder (Fig. 11), on the surfaces with a whole curve."""
+    names = [name for name in ("T6", "T2", "T1") if any(row["map"] == name for row in rows)]
+    figure, axes = _axes(names, sharey=True)
+    for ax, name in zip(axes, names, strict=True):
+        chosen = [row for row in rows if row["map"] == name]
+        for coder, label in [("bytes", "tsplinejax"), *((peer, peer) for peer in _CODERS)]:
+            pairs = [(row["bound %"], row[coder] / 1000) for row in chosen if isinstance(row[coder], int)]
+            style = {"color": "black", "linewidth": 2.2, "zorder": 3} if coder == "bytes" else {"linewidth": 1}
+            ax.plot(*zip(*pairs, strict=True), "o-", markersize=3, label=label, **style)
+        ax.set(xscale="log", xlabel="largest error, % of the range", ylabel="kB" if ax is axes[0] else "")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+    return figure
+
+
+_CODERS = ("SZ3", "SPERR", "JPEG XL", "JPEG 2000", "zstd", "ZFP", "LERC")
 
 
 def main() -> None:

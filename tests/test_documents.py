@@ -78,7 +78,9 @@ def test_tables_are_current():
         assert path.read_text(encoding="utf-8") == text, f"{path.name}: run python docs/make_tables.py"
 
 
-@pytest.mark.parametrize("command", ["fit", "batch fit", "evaluate", "info", "convert", "plot", "demo"])
+@pytest.mark.parametrize(
+    "command", ["fit", "batch fit", "evaluate", "info", "convert", "compress", "decompress", "plot", "demo"]
+)
 def test_command_line_page_is_complete(command, capsys):
     """The page of commands lists every option that a command's help lists, and no other."""
     assert main([*command.split(), "--help"]) == 0

@@ -35,7 +35,18 @@ PRIVATE = {"_version", "_errors"}
 NEEDS_ONLY_DATA = {"areal", "io"}
 HOST_ONLY = {"data", "mesh"}
 ON_JAX = {"jax", "jaxlib", "equinox", "lineax", "optimistix", "jaxopt"}
-HEAVY = {"matplotlib", "dask", "optimistix", "jaxopt", "SurfaceTopography", "scipy", "trimesh", "skimage", "tqdm"}
+HEAVY = {
+    "SurfaceTopography",
+    "constriction",
+    "dask",
+    "jaxopt",
+    "matplotlib",
+    "optimistix",
+    "scipy",
+    "skimage",
+    "tqdm",
+    "trimesh",
+}
 VAGUE = {"utils", "util", "misc", "helpers", "helper", "common"}
 MAX_LINES = 400
 

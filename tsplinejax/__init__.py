@@ -2,7 +2,7 @@
 
 from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
 from ._version import __version__ as __version__
-from .codec import load as load, save as save
+from .codec import compress as compress, decompress as decompress, load as load, save as save
 from .data import (
     Frame as Frame,
     HeightMap as HeightMap,

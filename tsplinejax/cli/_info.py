@@ -8,10 +8,13 @@ import numpy as np
 
 from .._errors import InputError
 from ..codec import load, load_header
+from ..codec._decompress import is_compressed
 from ..data import HeightMap, PointCloud, estimate_noise, find_outliers
 from ..fitting import ToleranceStudy, tolerance_study
+from ..io._files import existing_file
 from ..plot import plot_tolerance_study
 from ._arguments import add_command, add_data_options
+from ._compress import about_compressed
 from ._files import checked_picture, is_model, read_data, write_picture
 from ._level import plane_of
 from ._outcome import Outcome, pair, percentage, quantity, table
@@ -46,6 +49,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if is_model(arguments.file):
         if arguments.plot is not None:
             raise InputError("--plot draws what tolerances cost, of data; a model is drawn by: tsplinejax plot")
+        if is_compressed(existing_file(arguments.file)):
+            return about_compressed(arguments.file)
         return _about_model(arguments.file)
     picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.file)
     data = read_data(arguments.file, arguments)

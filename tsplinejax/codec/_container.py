@@ -19,7 +19,9 @@ from ..mesh import TMesh, forest_from_boxes, from_rectangles
 from ..space import spline_space
 from ..surface import TSpline, make_surface
 from ._archive import read_archive, read_header, write_archive
+from ._decompress import NO_MODEL, compressed_header, decode_model, is_compressed
 from ._header import ModelHeader, header_of, parse_header
+from ._model import surface_of_model
 
 MODEL_SUFFIX = ".tspl"
 
@@ -62,14 +64,15 @@ def save(path: str | os.PathLike, model: TSpline | FitResult) -> Path:
 
 
 def load(path: str | os.PathLike, *, dtype: DTypeLike | None = None) -> TSpline:
-    """Read a model file.
+    """Read a model file, or the T-spline of a compressed height map.
 
     **Arguments:**
 
     - `path`: the file.
     - `dtype`: `"float32"` or `"float64"` to read the model in that precision; by default the one it was saved in.
 
-    **Returns:** the surface that was saved, with the same values to the last bit where the precision is the same.
+    **Returns:** the surface that was saved, with the same values to the last bit where the precision is the same; of a
+    compressed map the T-spline with rounded control points, without the corrections of single pixels.
 
     **Raises:** `InputError` for a file that is missing, no model, truncated, corrupted or of a later version, and for a
     float64 model where JAX's x64 mode is off.
@@ -81,6 +84,8 @@ def load(path: str | os.PathLike, *, dtype: DTypeLike | None = None) -> TSpline:
     """
     file = existing_file(path)
     with reading(file):
+        if is_compressed(file):
+            return _load_compressed(file, dtype)
         header = parse_header(read_header(file))
         lines = {} if header.lattice else {"lines_s": "float64", "lines_t": "float64"}
         _, arrays = read_archive(file, {"boxes": "int32", "control_points": header.dtype, **lines})
@@ -106,7 +111,36 @@ def load_header(path: str | os.PathLike) -> ModelHeader:
     """
     file = existing_file(path)
     with reading(file):
+        if is_compressed(file):
+            return _header_of_compressed(file)
         return parse_header(read_header(file))
+
+
+def _load_compressed(file: Path, dtype: DTypeLike | None) -> TSpline:
+    """The T-spline of a compressed map."""
+    header, model = decode_model(file.read_bytes())
+    return surface_of_model(header, model, header.dtype if dtype is None else dtype)
+
+
+def _header_of_compressed(file: Path) -> ModelHeader:
+    """What a compressed map says about its T-spline."""
+    header = compressed_header(file)
+    if header.model is None:
+        raise InputError(NO_MODEL)
+    return ModelHeader(
+        kind="heights",
+        frame=header.frame,
+        lattice=header.model.lattice,
+        first_cut=header.model.first_cut,
+        border="clamped",
+        rational=False,
+        elements=header.model.elements,
+        control_points=header.model.control_points,
+        dtype=header.dtype,
+        software=header.software,
+        fit={"tolerance": header.tolerance, "max_error": header.max_error},
+        provenance=header.provenance,
+    )
 
 
 def checked_target(path: str | os.PathLike) -> Path:

@@ -1,0 +1,280 @@
+"""Heights over a grid, coarse to fine: every pixel is predicted from those already decoded, and corrected by a multiple
+of one step.
+
+The pixels of stride 2h are known; those of stride h follow in three passes, each predicted from its known neighbours:
+
+    EE  known                    OO  from the EE around it
+    OE  (odd row, even column)   from EE above and below, and OO on both sides
+    EO  (even row, odd column)   from EE on both sides, OO above and below, and OE across the corners
+
+A prediction is the mean of the four nearest pixels plus weighted differences between the means of further groups and
+that mean: cubic by default, or by least squares on the map itself where that is worth the bytes of the weights.
+Everything is in whole numbers, `UNITS` to a step, so that every machine decodes the same heights.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ._entropy import AbstractCoder, Model, number_model
+
+#: Units of a prediction to one step of the corrections; a power of two.
+UNITS = 64
+#: Heights are at most this many units from their offset, so that predictions stay within 64 bits.
+MOST_UNITS = 1 << 40
+_FINE = 8  # strides up to this one may have weights of their own, where they predict at least _ENOUGH pixels
+_ENOUGH = 256
+_ONE = 256  # a weight of one
+_LARGEST_WEIGHT = 2047
+_MARGIN = 2
+#: Lower ends of the classes of activity and roughness that choose a distribution.
+_CLASSES = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112, 160, 224, 320, 448, 640])
+_ROUGH = 3
+_LARGEST = 1 << 20  # magnitudes count up to here in contexts
+
+Neighbour = tuple[str, int, int]
+
+
+def _neighbours(parity: tuple[int, int], offsets: list[tuple[int, int]]) -> list[Neighbour]:
+    """Plane and index offset there, of pixels at some offset from a pixel of a parity."""
+    names = {(0, 0): "EE", (1, 1): "OO", (1, 0): "OE", (0, 1): "EO"}
+    found = []
+    for down, right in offsets:
+        row, column = parity[0] + down, parity[1] + right
+        found.append((names[row % 2, column % 2], row // 2, column // 2))
+    return found
+
+
+def _around(down: int, right: int) -> list[tuple[int, int]]:
+    """An offset and its mirror images."""
+    return sorted({(a * down, b * right) for a in (-1, 1) for b in (-1, 1)})
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One plane of pixels: its parity, the four nearest known pixels, and the groups behind the weights."""
+
+    name: str
+    parity: tuple[int, int]
+    nearest: list[Neighbour]
+    groups: list[list[Neighbour]]
+    weights: tuple[int, ...]
+
+
+def _make_pass(
+    name: str, parity: tuple[int, int], nearest: list, groups: list[list[tuple[int, int]]], weights: tuple[int, ...]
+) -> Pass:
+    return Pass(name, parity, _neighbours(parity, nearest), [_neighbours(parity, group) for group in groups], weights)
+
+
+_CROSS = [(-1, 0), (1, 0), (0, -1), (0, 1)]
+PASSES = (
+    _make_pass(
+        "OO",
+        (1, 1),
+        _around(1, 1),
+        [[(-1, -1), (1, 1)], _around(1, 3), _around(3, 1), _around(3, 3)],
+        (0, -36, -36, 4),
+    ),
+    _make_pass(
+        "OE",
+        (1, 0),
+        _CROSS,
+        [_around(1, 0), _around(3, 0), _around(0, 3), _around(1, 2), _around(2, 1)],
+        (0, -16, -16, 0, 0),
+    ),
+    _make_pass(
+        "EO",
+        (0, 1),
+        _CROSS,
+        [_around(0, 1), _around(0, 3), _around(3, 0), _around(2, 1), _around(1, 2), _around(1, 1)],
+        (0, -16, -16, 0, 0, 0),
+    ),
+)
+
+
+def coarse_to_fine(
+    shape: tuple[int, int],
+    top: Callable[[int, tuple[int, int]], np.ndarray],
+    between: Callable[[int, Pass, dict[str, np.ndarray], tuple[int, int]], np.ndarray],
+) -> np.ndarray:
+    """Build a grid from its coarsest pixels down to stride 1.
+
+    **Arguments:**
+
+    - `top`: makes the layers (k, rows, columns) of the coarsest grid, from its stride and shape.
+    - `between`: makes those of one pass, from stride, pass, the planes so far, and the shape.
+
+    No array is larger than the grid of the stride at hand, so that damaged data end before they take memory.
+    """
+    stride = 1
+    while 2 * stride < max(shape):
+        stride *= 2
+    layers = top(stride, _size(shape, stride))
+    while stride > 1:
+        stride //= 2
+        rows, columns = _size(shape, stride)
+        planes = {"EE": layers}
+        for which in PASSES:
+            down, right = which.parity
+            size = ((rows + 1 - down) // 2, (columns + 1 - right) // 2)
+            planes[which.name] = between(stride, which, planes, size)
+        joined = np.empty((len(layers), rows, columns), layers.dtype)
+        joined[:, ::2, ::2] = layers
+        for which in PASSES:
+            joined[:, which.parity[0] :: 2, which.parity[1] :: 2] = planes[which.name]
+        layers = joined
+    return layers
+
+
+def _size(shape: tuple[int, int], stride: int) -> tuple[int, int]:
+    """Rows and columns of the grid of a stride."""
+    return -(-shape[0] // stride), -(-shape[1] // stride)
+
+
+def of_pass(array: np.ndarray, stride: int, which: Pass) -> np.ndarray:
+    """The pixels of an array that a pass is about."""
+    return array[::stride, ::stride][which.parity[0] :: 2, which.parity[1] :: 2]
+
+
+def extended(plane: np.ndarray, *, straight: bool) -> np.ndarray:
+    """The plane with a margin, continued in a straight line or held."""
+    for axis in range(2):
+        width = [(0, 0), (0, 0)]
+        width[axis] = (_MARGIN, _MARGIN)
+        if plane.shape[axis] == 0:
+            plane = np.zeros((2 * _MARGIN, plane.shape[1]) if axis == 0 else (plane.shape[0], 2 * _MARGIN), plane.dtype)
+        elif straight and plane.shape[axis] > 1:
+            plane = np.pad(plane, width, mode="reflect", reflect_type="odd")
+        else:
+            plane = np.pad(plane, width, mode="edge")
+    return plane
+
+
+def total(planes: dict[str, np.ndarray], group: list[Neighbour], shape: tuple[int, int]) -> np.ndarray:
+    """Sum over a group of neighbours, from planes with margins."""
+    parts = [
+        planes[name][_MARGIN + down : _MARGIN + down + shape[0], _MARGIN + right : _MARGIN + right + shape[1]]
+        for name, down, right in group
+    ]
+    return sum(parts[1:], parts[0])
+
+
+@dataclass(eq=False)
+class HeightCoder:
+    """Codes heights in units, or reads them.
+
+    **Attributes:**
+
+    - `coder`: writes or reads.
+    - `missing`: pixels that count for nothing.
+    - `target`: heights in units to write, everywhere finite; `None` to read.
+    """
+
+    coder: AbstractCoder
+    missing: Bool[np.ndarray, "rows columns"]
+    target: Float[np.ndarray, "rows columns"] | None
+    models: dict[str, Model] = field(
+        default_factory=lambda: {which.name: number_model(len(_CLASSES) * _ROUGH, len(_CLASSES)) for which in PASSES}
+    )
+    weights: Model = field(default_factory=lambda: number_model(1, 1))
+
+    def run(self) -> Int[np.ndarray, "rows columns"]:
+        """The heights in units, as they are decoded."""
+        return coarse_to_fine(self.missing.shape, self._top, self._between)[0]
+
+    def _top(self, stride: int, shape: tuple[int, int]) -> np.ndarray:
+        """The coarsest pixels, without a prediction."""
+        wanted = None if self.target is None else self._steps(self.target[::stride, ::stride], 0)
+        nowhere = np.zeros(shape, np.int64)
+        steps = self._coded(number_model(1, 1), (nowhere, nowhere), wanted, np.ones(shape, bool))
+        return np.stack([steps * UNITS, np.zeros(shape, np.int64)])
+
+    def _between(self, stride: int, which: Pass, planes: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:
+        """One pass: predict, correct."""
+        if 0 in shape:
+            return np.zeros((2, *shape), np.int64)
+        heights = {name: extended(layers[0], straight=True) for name, layers in planes.items()}
+        sizes = {name: extended(layers[1], straight=False) for name, layers in planes.items()}
+        base = total(heights, which.nearest, shape)
+        differences = [total(heights, group, shape) * (4 // len(group)) - base for group in which.groups]
+        target = None if self.target is None else of_pass(self.target, stride, which)
+        weights = self._chosen_weights(stride, which, base, differences, target)
+        predicted = _predicted(base, differences, weights)
+        contexts = _contexts(which, sizes, differences, shape)
+        # Missing pixels count at coarse strides, where they carry the prediction across holes.
+        coded = ~of_pass(self.missing, stride, which) | (stride > _FINE)
+        wanted = None if target is None else self._steps(target, predicted)
+        steps = self._coded(self.models[which.name], contexts, wanted, coded)
+        return np.stack([predicted + steps * UNITS, np.minimum(np.abs(steps), _LARGEST)])
+
+    def _steps(self, target: np.ndarray, predicted: np.ndarray | int) -> np.ndarray:
+        """Corrections as whole steps."""
+        return np.rint((target - predicted) / UNITS).astype(np.int64)
+
+    def _coded(
+        self, model: Model, contexts: tuple[np.ndarray, np.ndarray], wanted: np.ndarray | None, coded: np.ndarray
+    ) -> np.ndarray:
+        """Corrections of the pixels that are coded, zero elsewhere."""
+        steps = np.zeros(coded.shape, np.int64)
+        values = None if wanted is None else wanted[coded]
+        steps[coded] = self.coder.code(model, (contexts[0][coded], contexts[1][coded]), values)
+        return steps
+
+    def _chosen_weights(
+        self, stride: int, which: Pass, base: np.ndarray, differences: list[np.ndarray], target: np.ndarray | None
+    ) -> np.ndarray:
+        """The weights of a pass: the usual ones, or at fine strides what the encoder found and wrote."""
+        usual = np.array(which.weights)
+        if stride > _FINE or base.size < _ENOUGH:
+            return usual
+        change = None
+        if target is not None:
+            valid = ~of_pass(self.missing, stride, which)
+            change = best_weights(base, differences, target, valid, usual) - usual
+        nowhere = np.zeros(len(usual), np.int64)
+        change = self.coder.code(self.weights, (nowhere, nowhere), change)
+        return usual + np.clip(change, -2 * _LARGEST_WEIGHT, 2 * _LARGEST_WEIGHT)
+
+
+def _predicted(base: np.ndarray, differences: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
+    """Predictions in units; `base` and the differences are four times theirs."""
+    total = base * _ONE + 2 * _ONE
+    for difference, weight in zip(differences, weights.tolist(), strict=True):
+        total += difference * weight
+    return total >> 10
+
+
+def _contexts(
+    which: Pass, sizes: dict[str, np.ndarray], differences: list[np.ndarray], shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What to expect of a correction: from the corrections around it, and from how rough the heights are."""
+    near = total(sizes, which.nearest, shape)
+    far = total(sizes, which.groups[-1], shape) + total(sizes, which.groups[-2], shape)
+    roughness = sum(np.abs(difference) for difference in differences) // (UNITS * len(differences))
+    rough = np.searchsorted(_CLASSES, roughness, side="right") - 1
+    active = np.searchsorted(_CLASSES, 2 * near + far, side="right") - 1
+    return active * _ROUGH + np.minimum(rough // 2, _ROUGH - 1), rough
+
+
+def best_weights(
+    base: np.ndarray, differences: list[np.ndarray], target: np.ndarray, valid: np.ndarray, usual: np.ndarray
+) -> Int[np.ndarray, " groups"]:
+    """Least-squares weights, or the usual ones where those do not save what they cost."""
+    if np.count_nonzero(valid) < _ENOUGH:
+        return usual
+    rows = np.stack([difference[valid] for difference in differences], axis=1).astype(np.float64)
+    wanted = 4 * target[valid] - base[valid]
+    normal = rows.T @ rows
+    normal[np.diag_indices(len(normal))] += 1 + 1e-6 * np.diag(normal)
+    found = np.rint(np.linalg.solve(normal, rows.T @ wanted) * _ONE)
+    found = np.clip(found, -_LARGEST_WEIGHT, _LARGEST_WEIGHT).astype(np.int64)
+
+    def digits(weights: np.ndarray) -> float:
+        predicted = _predicted(base, differences, weights)[valid]
+        steps = np.abs(np.rint((target[valid] - predicted) / UNITS))
+        return float(np.log2(1 + 2 * steps).sum() + np.count_nonzero(steps))
+
+    return found if digits(found) + 10 * len(found) < digits(usual) else usual
