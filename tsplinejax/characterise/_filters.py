@@ -37,7 +37,7 @@ def s_filter(data: Any, cutoff: float | str) -> HeightMap:
     two pixels or above the map.
 
     >>> waves = np.cos(2 * np.pi * np.arange(400) / 40) * np.ones((50, 1))
-    >>> round(s_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200], 3)
+    >>> round(float(s_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200]), 3)
     0.5
     """
     height_map, length = _checked(data, cutoff, "S-filter")
@@ -51,7 +51,7 @@ def l_filter(data: Any, cutoff: float | str) -> HeightMap:
     Arguments, result and errors are those of [`s_filter`][tsplinejax.s_filter].
 
     >>> waves = np.cos(2 * np.pi * np.arange(400) / 40) * np.ones((50, 1))
-    >>> round(l_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200], 3)
+    >>> round(float(l_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200]), 3)
     0.5
     """
     height_map, length = _checked(data, cutoff, "L-filter")
