@@ -42,9 +42,11 @@ from .mesh import (
 )
 from .space import SplineSpace as SplineSpace, spline_space as spline_space
 from .surface import (
+    Projection as Projection,
     TSpline as TSpline,
     curvatures as curvatures,
     make_surface as make_surface,
     normals as normals,
+    project as project,
     transfer as transfer,
 )
