@@ -2,6 +2,19 @@
 
 from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
 from ._version import __version__ as __version__
+from .characterise import (
+    Cylinder as Cylinder,
+    FittedForm as FittedForm,
+    FormRemoval as FormRemoval,
+    Plane as Plane,
+    Polynomial as Polynomial,
+    Sphere as Sphere,
+    fit_form as fit_form,
+    l_filter as l_filter,
+    level as level,
+    remove_form as remove_form,
+    s_filter as s_filter,
+)
 from .codec import load as load, save as save
 from .data import (
     Frame as Frame,

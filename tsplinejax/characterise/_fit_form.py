@@ -25,6 +25,7 @@ _STEPS, _ROBUST_STEPS = 100, 20
 _FEW = 4000  # points on which starts are compared
 _HUBER = 2.0
 _ON_A_LINE = 1e-9
+_AT_REST, _NO_GAIN = 1e-13, 1e-13  # a last step, in units of the data's size; a last gain, relative
 
 
 class Foot(NamedTuple):
@@ -83,7 +84,7 @@ class FittedForm:
         array([2.])
         """
         scaled = (np.asarray(points, np.float64) - self._centre) / self._scale
-        distances, normals = self._shape.distances(scaled), self._shape.normals(scaled)
+        distances, normals, _ = self._shape.contact(scaled)
         feet = scaled - distances[:, None] * normals
         return Foot(feet * self._scale + self._centre, normals, distances * self._scale)
 
@@ -129,11 +130,12 @@ def fit_form(
     lower_bound = None
     if criterion == "minimum zone":
         shape, lower_bound, converged = minimum_zone(shape, lambda shape: residuals(shape, points))
-    if outward_side(shape.normals(points), data, checked_outward(outward)) < 0:
-        shape = shape.reversed()
+    normals = shape.contact(points).normals
+    if outward_side(normals, data, checked_outward(outward)) < 0:
+        shape, normals = shape.reversed(), -normals
     left = residuals(shape, points)[0]
     if distance == "vertical":
-        left = left * np.where(shape.normals(points)[:, 2] < 0, -1.0, 1.0)
+        left = left * np.where(normals[:, 2] < 0, -1.0, 1.0)
     if not np.isfinite(left).all():
         missed = int((~np.isfinite(left)).sum())
         raise InputError(
@@ -208,7 +210,8 @@ def _checked(distance: str, criterion: str, robust: bool, weights: Any, m: int) 
 
 def _orthogonal(shape: AbstractShape, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Signed distances and their derivatives."""
-    return shape.distances(points), shape.derivatives(points)
+    contact = shape.contact(points)
+    return contact.distances, contact.derivatives
 
 
 def _vertical(shape: AbstractShape, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -216,17 +219,16 @@ def _vertical(shape: AbstractShape, points: np.ndarray) -> tuple[np.ndarray, np.
     above = shape.above(points)
     reached = np.isfinite(above[:, 2])
     known = np.where(reached[:, None], above, points)
-    steepness = shape.normals(known)[:, 2]
-    derivatives = shape.derivatives(known) / np.where(steepness == 0, 1.0, steepness)[:, None]
+    _, normals, derivatives = shape.contact(known)
+    steepness = normals[:, 2:]
+    derivatives = derivatives / np.where(steepness == 0, 1.0, steepness)
     return points[:, 2] - above[:, 2], np.where(reached[:, None], derivatives, 0.0)
 
 
 def _best_start(form: AbstractSimpleForm, points: np.ndarray, residuals: Any) -> AbstractShape:
     """The start that leads to the smallest sum of squares on a few of the points."""
     few = points[:: max(1, len(points) // _FEW)]
-    starts = list(form.starts(points if form.size == len(points) else few))
-    if len(starts) == 1:
-        return starts[0]
+    starts = list(form.starts(few))
     starts.sort(key=lambda shape: _cost(residuals(shape, few)[0], np.ones(len(few))))
     fitted = [_least_squares(shape, few, np.ones(len(few)), residuals)[0] for shape in starts[:4]]
     return min(fitted, key=lambda shape: _cost(residuals(shape, few)[0], np.ones(len(few))))
@@ -258,7 +260,7 @@ def _least_squares(
                 break
         else:
             return shape, True
-        small = np.abs(step).max() <= 1e-14 or (np.isfinite(cost) and cost - cost_then <= 1e-15 * cost_then)
+        small = np.abs(step).max() <= _AT_REST or cost - cost_then <= _NO_GAIN * cost_then
         shape, left, derivatives, cost = trial, left_then, derivatives_then, cost_then
         if small:
             return shape, True

@@ -14,28 +14,34 @@ All lengths are in the scaled coordinates of a fit. Steps of a shape are small m
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 _FEET = 40  # Newton's steps for the feet on a polynomial; a few suffice near it
+_AT_REST = 1e-13  # in units of the data's size
+
+
+class Contact(NamedTuple):
+    """How m points stand to a shape.
+
+    `distances` (m,) are signed, along the unit `normals` (m, 3) at the points' feet, which are the distances' gradient;
+    `derivatives` (m, k) are the distances' change with the k steps of the shape.
+    """
+
+    distances: Float[np.ndarray, " m"]
+    normals: Float[np.ndarray, "m 3"]
+    derivatives: Float[np.ndarray, "m k"]
 
 
 class AbstractShape(ABC):
     """A surface known by its signed distance d(x), positive on the side of its normals."""
 
     @abstractmethod
-    def distances(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
-        """Signed distances of points, along the normals at their feet."""
-
-    @abstractmethod
-    def normals(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-        """Unit normals at the feet of points: the gradient of the distance."""
-
-    @abstractmethod
-    def derivatives(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
-        """Change of the distances with the k steps of the shape."""
+    def contact(self, points: Float[np.ndarray, "m 3"]) -> Contact:
+        """Distances, normals and derivatives at points."""
 
     @abstractmethod
     def above(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
@@ -69,42 +75,32 @@ class Quadric(AbstractShape):
     axial: bool = False
     flat: bool = False
 
-    def _parts(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Offsets in the frame (m, 3), the squared length of their bending part, and S = √(1 + κ g)."""
+    def contact(self, points: Float[np.ndarray, "m 3"]) -> Contact:
         local = (points - self.place) @ self.frame
-        squared = local[:, 0] ** 2 + local[:, 2] ** 2 + (0.0 if self.axial else local[:, 1] ** 2)
-        g = self.curvature * squared + 2 * local[:, 0]
-        return local, squared, np.sqrt(np.maximum(1 + self.curvature * g, 0.0))
-
-    def distances(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
-        local, squared, root = self._parts(points)
-        return (self.curvature * squared + 2 * local[:, 0]) / (1 + root)
-
-    def normals(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-        local, _, root = self._parts(points)
-        bending = local * (1.0, 0.0 if self.axial else 1.0, 1.0)
-        # On the axis every direction is as near; that of the place is taken.
-        gradient = (self.curvature * bending + (1.0, 0.0, 0.0)) / np.where(root > 0, root, 1.0)[:, None]
-        return np.where(root[:, None] > 0, gradient, (1.0, 0.0, 0.0)) @ self.frame.T
-
-    def derivatives(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
-        local, squared, root = self._parts(points)
         along, axis, across = local.T
+        squared = along**2 + across**2 + (0.0 if self.axial else axis**2)
+        g = self.curvature * squared + 2 * along
+        root = np.sqrt(np.maximum(1 + self.curvature * g, 0.0))
+        distances = g / (1 + root)
+        # On the axis every direction is as near; that of the place is taken.
+        inverse = 1 / np.where(root > 0, root, 1.0)
+        bending = self.curvature * local * (1.0, 0.0 if self.axial else 1.0, 1.0)
+        normals = np.where(root[:, None] > 0, (bending + (1.0, 0.0, 0.0)) * inverse[:, None], (1.0, 0.0, 0.0))
         steps = [-2 - 2 * self.curvature * along, 2 * across, -2 * axis]
         if self.axial:
             steps[2] = steps[2] * (1 + self.curvature * along)
         if not self.flat:
-            d = (self.curvature * squared + 2 * along) / (1 + root)
-            steps.append(squared - d**2)
+            steps.append(squared - distances**2)
         if self.axial:
             steps.append(2 * self.curvature * axis * across)
-        return np.stack(steps, axis=1) / (2 * np.where(root > 0, root, 1.0))[:, None]
+        return Contact(distances, normals @ self.frame.T, np.stack(steps, axis=1) * (inverse / 2)[:, None])
 
     def above(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
         # κ |y⊥ + h e⊥|² + 2 n·(y + h e) = 0 with e along z: the root that stays finite for κ = 0.
-        local, squared, _ = self._parts(points)
+        local = (points - self.place) @ self.frame
         up = self.frame[2]
         bends = np.array([1.0, 0.0 if self.axial else 1.0, 1.0])
+        squared = local**2 @ bends
         a = self.curvature * float((up**2 * bends).sum())
         b = 2 * (self.curvature * local @ (up * bends) + up[0])
         c = self.curvature * squared + 2 * local[:, 0]
@@ -137,52 +133,47 @@ class PolynomialShape(AbstractShape):
     exponents: tuple[tuple[int, int], ...]
     side: float = 1.0
 
-    def basis(self, x: np.ndarray, y: np.ndarray, dx: int = 0, dy: int = 0) -> Float[np.ndarray, "m k"]:
-        """The products at places, or their partial derivatives."""
+    def basis(self, x: np.ndarray, y: np.ndarray) -> Float[np.ndarray, "m k"]:
+        """The products at places."""
         order = max(i + j for i, j in self.exponents)
-        along = [_legendre(values, order, times) for values, times in ((x, dx), (y, dy))]
-        return np.stack([along[0][:, i] * along[1][:, j] for i, j in self.exponents], axis=1)
+        along, across = (np.polynomial.legendre.legvander(values, order) for values in (x, y))
+        return np.stack([along[:, i] * across[:, j] for i, j in self.exponents], axis=1)
 
     def heights(self, x: np.ndarray, y: np.ndarray, dx: int = 0, dy: int = 0) -> Float[np.ndarray, " m"]:
         """Heights at places, or their partial derivatives."""
-        return self.basis(x, y, dx, dy) @ self.coefficients
+        order = max(i + j for i, j in self.exponents)
+        table = np.zeros((order + 1, order + 1))
+        table[tuple(np.transpose(self.exponents))] = self.coefficients
+        for axis, times in ((0, dx), (1, dy)):
+            table = np.polynomial.legendre.legder(table, times, axis=axis)
+        return np.polynomial.legendre.legval2d(x, y, table)
 
     def _feet(self, points: np.ndarray) -> np.ndarray:
         """Feet by Newton's iteration in the plane, from the points below; damped to where the problem is convex."""
         x, y = points[:, 0].copy(), points[:, 1].copy()
-        reach = np.ptp(points, axis=0).max()
         for _ in range(_FEET):
-            z, zx, zy = self.heights(x, y), self.heights(x, y, 1), self.heights(x, y, 0, 1)
-            off = z - points[:, 2]
+            zx, zy = self.heights(x, y, 1), self.heights(x, y, 0, 1)
+            off = self.heights(x, y) - points[:, 2]
             gx, gy = x - points[:, 0] + off * zx, y - points[:, 1] + off * zy
             hxx, hyy = 1 + zx**2 + off * self.heights(x, y, 2), 1 + zy**2 + off * self.heights(x, y, 0, 2)
             hxy = zx * zy + off * self.heights(x, y, 1, 1)
-            determinant = hxx * hyy - hxy**2
-            convex = (determinant > 0.1) & (hxx > 0.1)
+            convex = (hxx * hyy - hxy**2 > 0.1) & (hxx > 0.1)
             hxx, hyy = np.where(convex, hxx, 1 + zx**2), np.where(convex, hyy, 1 + zy**2)
             hxy = np.where(convex, hxy, zx * zy)
             determinant = hxx * hyy - hxy**2
-            sx, sy = (hyy * gx - hxy * gy) / determinant, (hxx * gy - hxy * gx) / determinant
-            x, y = x - sx, y - sy
-            if max(np.abs(sx).max(), np.abs(sy).max()) <= 1e-15 * reach:
+            step_x, step_y = (hyy * gx - hxy * gy) / determinant, (hxx * gy - hxy * gx) / determinant
+            x, y = x - step_x, y - step_y
+            if max(np.abs(step_x).max(), np.abs(step_y).max()) <= _AT_REST:
                 break
         return np.column_stack([x, y, self.heights(x, y)])
 
-    def _normals_at(self, feet: np.ndarray) -> np.ndarray:
-        slopes = [-self.heights(feet[:, 0], feet[:, 1], *order) for order in ((1, 0), (0, 1))]
-        direction = np.column_stack([*slopes, np.ones(len(feet))])
-        return self.side * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-
-    def distances(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+    def contact(self, points: Float[np.ndarray, "m 3"]) -> Contact:
         feet = self._feet(points)
-        return np.einsum("mi,mi->m", points - feet, self._normals_at(feet))
-
-    def normals(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-        return self._normals_at(self._feet(points))
-
-    def derivatives(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
-        feet = self._feet(points)
-        return -self.basis(feet[:, 0], feet[:, 1]) * self._normals_at(feet)[:, 2:]
+        x, y, _ = feet.T
+        direction = np.column_stack([-self.heights(x, y, 1), -self.heights(x, y, 0, 1), np.ones(len(feet))])
+        normals = self.side * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        distances = np.einsum("mi,mi->m", points - feet, normals)
+        return Contact(distances, normals, -self.basis(x, y) * normals[:, 2:])
 
     def above(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
         return np.column_stack([points[:, :2], self.heights(points[:, 0], points[:, 1])])
@@ -192,9 +183,3 @@ class PolynomialShape(AbstractShape):
 
     def reversed(self) -> "PolynomialShape":
         return replace(self, side=-self.side)
-
-
-def _legendre(values: np.ndarray, order: int, times: int) -> Float[np.ndarray, "m n"]:
-    """Legendre polynomials of degree 0 to `order`, differentiated so many times, as columns."""
-    columns = [np.polynomial.Legendre.basis(degree).deriv(times)(values) for degree in range(order + 1)]
-    return np.stack(np.broadcast_arrays(*columns), axis=1)
