@@ -7,6 +7,13 @@ from ._criteria import (
     NoiseCriterion as NoiseCriterion,
     ToleranceCriterion as ToleranceCriterion,
 )
+from ._design import blending as blending
+from ._energy import (
+    default_smoothing as default_smoothing,
+    element_energy as element_energy,
+    energy_grams as energy_grams,
+    energy_scales as energy_scales,
+)
 from ._engines import (
     AbstractEngine as AbstractEngine,
     DaskEngine as DaskEngine,
@@ -22,6 +29,8 @@ from ._solve import (
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
 )
+from ._system import bernstein_mass as bernstein_mass
+from ._tiles import in_turns as in_turns
 from ._study import (
     SuggestedTolerance as SuggestedTolerance,
     ToleranceStudy as ToleranceStudy,

@@ -328,8 +328,6 @@ def _measured(placed: Placed, points: Array, parameters: Array) -> tuple[Array, 
 def _step(search: Search) -> tuple[Float[Array, "m 2"], Float[Array, " m"]]:
     """Newton's step, Gauss-Newton's where the Hessian is not positive; and its length in space."""
     u, g, metric, hessian = search.parameters, search.gradient, search.metric, search.hessian
-    fixed = ((u <= 0) & (g > 0)) | ((u >= 1) & (g < 0))
-    # With one direction fixed the other alone counts; its second derivative must be positive, too.
     least = 0.05
     convex = (
         (hessian[:, 0] > least * metric[:, 0])
@@ -337,7 +335,7 @@ def _step(search: Search) -> tuple[Float[Array, "m 2"], Float[Array, " m"]]:
         & (_determinant(hessian) > least * _determinant(metric))
     )
     form = jnp.where(convex[:, None], hessian, metric) + search.damping[:, None] * metric
-    step = -solve_two(form, g, fixed)
+    step = -multiply_two(invert_two(form, held(u, g)), g)
     step = jnp.clip(u + step, 0, 1) - u
     a, b = step[:, 0], step[:, 1]
     square = metric[:, 0] * a * a + 2 * metric[:, 1] * a * b + metric[:, 2] * b * b
@@ -348,17 +346,24 @@ def _determinant(form: Float[Array, "m 3"]) -> Float[Array, " m"]:
     return form[:, 0] * form[:, 2] - form[:, 1] ** 2
 
 
-def solve_two(
-    form: Float[Array, "m 3"], load: Float[Array, "m 2"], fixed: Bool[Array, "m 2"]
-) -> Float[Array, "m 2"]:
-    """Solve symmetric 2 × 2 systems (a, b, c); fixed unknowns are zero, and singular systems give what is finite."""
-    a, c = (jnp.where(fixed[:, k], 1, form[:, 2 * k]) for k in range(2))
-    b = jnp.where(fixed[:, 0] | fixed[:, 1], 0, form[:, 1])
-    f, g = (jnp.where(fixed[:, k], 0, load[:, k]) for k in range(2))
-    floor = jnp.finfo(form.dtype).eps * a * c
-    determinant = a * c - b * b
-    safe = jnp.where(determinant > floor, determinant, jnp.maximum(floor, jnp.finfo(form.dtype).tiny))
-    return jnp.stack([(c * f - b * g) / safe, (a * g - b * f) / safe], axis=-1)
+def held(parameters: Float[Array, "m 2"], gradient: Float[Array, "m 2"]) -> Bool[Array, "m 2"]:
+    """Parameters on the border of the square that descent along the gradient would push out of it."""
+    return ((parameters <= 0) & (gradient > 0)) | ((parameters >= 1) & (gradient < 0))
+
+
+def invert_two(form: Float[Array, "*m 3"], fixed: Bool[Array, "*m 2"]) -> Float[Array, "*m 3"]:
+    """Inverses of symmetric 2 × 2 matrices (a, b, c), zero in the fixed unknowns; finite where they are singular."""
+    a, c = (jnp.where(fixed[..., k], 1, form[..., 2 * k]) for k in range(2))
+    b = jnp.where(fixed[..., 0] | fixed[..., 1], 0, form[..., 1])
+    floor = jnp.maximum(jnp.finfo(form.dtype).eps * a * c, jnp.finfo(form.dtype).tiny)
+    inverse = jnp.stack([c, -b, a], axis=-1) / jnp.maximum(a * c - b * b, floor)[..., None]
+    free = ~fixed
+    return inverse * jnp.stack([free[..., 0], free[..., 0] & free[..., 1], free[..., 1]], axis=-1)
+
+
+def multiply_two(form: Float[Array, "*m 3"], load: Float[Array, "*m 2"]) -> Float[Array, "*m 2"]:
+    """Products of symmetric 2 × 2 matrices (a, b, c) and vectors."""
+    return form[..., :2] * load[..., :1] + form[..., 1:] * load[..., 1:]
 
 
 def _at_feet(surface: TSpline, points: Any, parameters: Array, converged: Array) -> Projection:
@@ -377,8 +382,8 @@ def _at_feet(surface: TSpline, points: Any, parameters: Array, converged: Array)
     offset = jax.lax.stop_gradient(points.mean(axis=0))
     placed, local = _placed(surface, offset), points - offset
     _, gradient, _, hessian = _measured(placed, local, parameters)
-    fixed = jax.lax.stop_gradient(((parameters <= 0) & (gradient > 0)) | ((parameters >= 1) & (gradient < 0)))
-    step = solve_two(jax.lax.stop_gradient(hessian), gradient, fixed)
+    inverse = invert_two(hessian, held(parameters, gradient))
+    step = multiply_two(jax.lax.stop_gradient(inverse), gradient)
     # The value stays: only the derivative of the step counts.
     moving = parameters - (step - jax.lax.stop_gradient(step))
     feet, normals, distances, beyond = _details(placed, local, moving)
@@ -392,6 +397,6 @@ def _details(placed: Placed, points: Array, parameters: Array) -> tuple[Array, A
     normal = jnp.cross(S_s, S_t)
     normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
     r = points - S
-    along = jnp.stack([jnp.sum(r * S_s, axis=1), jnp.sum(r * S_t, axis=1)], axis=1)
-    beyond = ((parameters <= 0) & (along < 0)) | ((parameters >= 1) & (along > 0))
+    gradient = -jnp.stack([jnp.sum(r * S_s, axis=1), jnp.sum(r * S_t, axis=1)], axis=1)
+    beyond = held(parameters, gradient)
     return S, normal, jnp.sum(r * normal, axis=1), beyond.any(axis=1)

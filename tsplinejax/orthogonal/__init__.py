@@ -1,0 +1,12 @@
+"""Orthogonal distance fitting: surfaces through points in space, by their distances along the normals."""
+
+from ._descent import Elimination as Elimination
+from ._methods import (
+    AbstractMethod as AbstractMethod,
+    AbstractRobust as AbstractRobust,
+    Huber as Huber,
+    Joint as Joint,
+    Normal as Normal,
+    Parametric as Parametric,
+    Tukey as Tukey,
+)
