@@ -1,0 +1,109 @@
+"""The outer boundary of a point cloud, as a loop of points.
+
+A layout in the plane is triangulated (Delaunay). Triangles that are too long in space, for the density of points there, are
+peeled off from outside; long triangles further in close holes and stay. What is left has the outline as its outer loop.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
+
+from .._errors import InputError
+from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_pieces, refuse_torn
+from ._points import cloud_of, direction, duplicates, faces
+from ._triangles import Loop, boundary_loops, length_of, pieces, unpinched, vector_area
+
+_LONG = 1.25  # reaches
+
+
+def find_boundary(
+    data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30
+) -> Int[np.ndarray, " b"]:
+    """Find the outer boundary of a cloud of points in space; holes are not part of it.
+
+    Triangles, if the data have any, are not used: a mesh's boundary is what its edges say.
+
+    **Arguments:**
+
+    - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count.
+    - `outward`: direction (x, y, z) out of the material.
+    - `neighbours`: how many nearest points show a point's surroundings. Gaps narrower than their reach, three to four
+      times the spacing of points, are not seen as boundary.
+
+    **Returns:** (b,) indices of points, counter-clockwise seen from outside.
+
+    **Raises:** `InputError` where the points are not one disk: several pieces, closed, branched.
+
+    >>> grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), 0.0), axis=-1).reshape(-1, 3)
+    >>> len(find_boundary(grid))
+    14
+    """
+    points = cloud_of(data).points.astype(np.float64)
+    towards = direction(outward)
+    first = duplicates(points)[0]
+    near = neighbourhood(points[first], neighbours)
+    piece = np.flatnonzero(main_piece(near.graph))
+    near = Neighbourhood(near.graph[piece][:, piece], near.reach[piece])
+    places = lay_out(points[first[piece]], near)
+    refuse_torn(points[first[piece]], places, near.reach)
+    loop = outline(points[first[piece]], places, near.reach)
+    return outside_left(points, first[piece[loop]], towards)[0]
+
+
+def outside_left(
+    points: Float[np.ndarray, "m 3"], loop: Loop, outward: Float[np.ndarray, "3"]
+) -> tuple[Loop, str | None]:
+    """Return a loop counter-clockwise seen from outside, and a warning where the outward side is uncertain."""
+    area = vector_area(points, loop)
+    left, warning = faces(area / max(float(np.linalg.norm(area)), 1e-300), outward)
+    return (loop if left else loop[::-1]), warning
+
+
+def outline(
+    points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]
+) -> Loop:
+    """Return the outer loop of points laid out flat, counter-clockwise there.
+
+    **Raises:** `InputError` where what is left after peeling falls into pieces.
+    """
+    mesh = Delaunay(places)
+    triangles = mesh.simplices[~_peeled(mesh.neighbors, _too_long(points, mesh.simplices, reach))]
+    if not len(triangles):
+        raise InputError("the points are too sparse and uneven to show a boundary; give it as boundary=")
+    label = pieces(triangles)
+    refuse_pieces(np.bincount(label), "triangles")
+    triangles, original = unpinched(_counter_clockwise(places, triangles[label == 0]))
+    loops = boundary_loops(triangles)
+    return original[max(loops, key=lambda loop: length_of(places[original], loop))]
+
+
+def _too_long(
+    points: Float[np.ndarray, "m 3"], triangles: Int[np.ndarray, "k 3"], reach: Float[np.ndarray, " m"]
+) -> Bool[np.ndarray, " k"]:
+    """Triangles with an edge that the density of points at either end does not explain."""
+    ends = np.roll(triangles, -1, axis=1)
+    lengths = np.linalg.norm(points[triangles] - points[ends], axis=2)
+    return (lengths > _LONG * np.minimum(reach[triangles], reach[ends])).any(axis=1)
+
+
+def _peeled(neighbours: Int[np.ndarray, "k 3"], long: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Long triangles that are joined with the outside by long triangles."""
+    count = len(neighbours)
+    triangle = np.repeat(np.arange(count), 3)
+    other = neighbours.ravel()
+    joins = long[triangle] & ((other < 0) | long[other])
+    other = np.where(other < 0, count, other)
+    graph = sparse.coo_matrix((np.ones(joins.sum(), bool), (triangle[joins], other[joins])), (count + 1, count + 1))
+    label = connected_components(graph, directed=False)[1]
+    return label[:-1] == label[-1]
+
+
+def _counter_clockwise(places: Float[np.ndarray, "m 2"], triangles: Int[np.ndarray, "k 3"]) -> np.ndarray:
+    a, b, c = np.moveaxis(places[triangles], 1, 0)
+    (ax, ay), (bx, by) = (b - a).T, (c - a).T
+    return np.where((ax * by < ay * bx)[:, None], triangles[:, [1, 0, 2]], triangles)

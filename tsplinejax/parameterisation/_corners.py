@@ -1,0 +1,195 @@
+"""The four corners of a boundary loop.
+
+Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Four or
+more: the four that turn most and whose opposite sides are most alike. Fewer: the points farthest out towards the corners
+of the smallest rectangle around the outline, moved to a kink where one is near.
+"""
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from .._errors import InputError
+from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood
+from ._points import best_turn, cloud_of, duplicates, smallest_box
+from ._triangles import Loop
+
+_STEPS = 500
+_WINDOW, _WINDOW_POINTS = 0.012, 6  # of the loop's length, and in points
+_LEAST_KINK, _ABOVE_NOISE = 0.3, 4.0  # radians, and in standard deviations
+_MOST = 12
+_NEAR = 0.08  # of the loop's length
+
+
+def find_corners(data: Any, boundary: ArrayLike, *, neighbours: int = 30) -> Int[np.ndarray, "4"]:
+    """Find the four corners of a boundary.
+
+    **Arguments:**
+
+    - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count.
+    - `boundary`: (b,) indices of points in order, as `find_boundary` returns them.
+    - `neighbours`: how many nearest points show a point's surroundings.
+
+    **Returns:** (4,) indices of points in the boundary's order. The first is the one from which the first side runs most
+    nearly along +x.
+
+    **Raises:** `InputError` for a boundary that is not a loop of points of the cloud.
+
+    >>> grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0), 0.0), axis=-1).reshape(-1, 3)
+    >>> from tsplinejax.parameterisation import find_boundary
+    >>> grid[find_corners(grid, find_boundary(grid)), :2].tolist()
+    [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]]
+    """
+    points = cloud_of(data).points.astype(np.float64)
+    loop = checked_loop(boundary, points)
+    first, inverse = duplicates(points)
+    near = neighbourhood(points[first], neighbours)
+    piece = main_piece(near.graph)
+    places = np.full((len(first), 2), np.nan)
+    places[piece] = lay_out(points[first[piece]], Neighbourhood(near.graph[piece][:, piece], near.reach[piece]))
+    if not np.isfinite(places[inverse[loop]]).all():
+        raise InputError("the boundary must lie on the largest connected piece of the cloud")
+    return loop[corners_of(points[loop], places[inverse[loop]])]
+
+
+def checked_loop(boundary: ArrayLike, points: Float[np.ndarray, "m 3"]) -> Loop:
+    """Return a boundary as an array of at least four different indices of points."""
+    loop = np.asarray(boundary)
+    if loop.ndim != 1 or loop.dtype.kind not in "iu" or len(loop) < 4:
+        raise InputError(
+            f"a boundary is a list of at least four indices of points, but got {loop.dtype} of shape {loop.shape}"
+        )
+    return _distinct(loop, points, "boundary")
+
+
+def checked_corners(corners: ArrayLike, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "4"]:
+    """Return corners as an array of four different indices of points."""
+    given = np.asarray(corners)
+    if given.shape != (4,) or given.dtype.kind not in "iu":
+        raise InputError(f"corners are the indices of four points, but got {given.dtype} of shape {given.shape}")
+    return _distinct(given, points, "corners")
+
+
+def placed_corners(given: Int[np.ndarray, "4"], loop: Loop, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "4"]:
+    """Return given corners as places in the loop, in its direction from the first one on.
+
+    **Raises:** `InputError` unless they lie on the loop, in order one way or the other.
+    """
+    place = np.full(len(points), -1)
+    place[loop] = np.arange(len(loop))
+    missing = given[place[given] < 0]
+    if len(missing):
+        nearest = loop[np.argmin(np.linalg.norm(points[loop] - points[missing[0]], axis=1))]
+        raise InputError(
+            f"corners must lie on the boundary, but point {missing[0]} does not; the nearest one that does is {nearest}"
+        )
+    steps = (place[given] - place[given[0]]) % len(loop)
+    if (np.diff(steps) > 0).all():
+        return place[given]
+    if (np.diff(steps[1:]) < 0).all():
+        return place[given][[0, 3, 2, 1]]
+    raise InputError(f"corners must be in order around the boundary, but got {given.tolist()}")
+
+
+def _distinct(indices: np.ndarray, points: np.ndarray, what: str) -> np.ndarray:
+    names, counts = np.unique(indices, return_counts=True)
+    if names[0] < 0 or names[-1] >= len(points):
+        raise InputError(f"{what} name points 0 to {len(points) - 1}, but got {names[0]} to {names[-1]}")
+    if (counts > 1).any():
+        raise InputError(f"{what} must name different points, but {names[counts > 1][0]} is given twice")
+    return indices.astype(np.int64)
+
+
+def corners_of(ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"]) -> Int[np.ndarray, "4"]:
+    """Return the places in a loop of its four corners.
+
+    **Arguments:**
+
+    - `ring`: the loop's points in space, in order.
+    - `places`: the same in a layout.
+    """
+    candidates, kinks = _kinks(ring, places)
+    arc = _arc(ring)
+    corners = _best_four(arc, candidates, kinks) if len(candidates) >= 4 else _box_corners(arc, places, candidates)
+    corners = np.sort(corners)
+    return np.roll(corners, -best_turn(ring[corners]))
+
+
+def _arc(ring: Float[np.ndarray, "b d"]) -> Float[np.ndarray, " b"]:
+    """Length along the loop up to each point, as a share of the whole."""
+    steps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps[:-1])]) / steps.sum()
+
+
+def _kinks(
+    ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"]
+) -> tuple[Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Points where the loop turns outwards more sharply than just before and after, and by what angle more.
+
+    Angles are those in space, between chords of one window; the layout tells outwards from inwards.
+    """
+    arc, even = _arc(ring), np.arange(_STEPS) / _STEPS
+    share = max(_WINDOW, _WINDOW_POINTS / len(ring))
+    window = round(share * _STEPS)
+    path, flat = (
+        np.stack([np.interp(even, arc, curve[:, k], period=1.0) for k in range(curve.shape[1])], axis=1)
+        for curve in (ring, places)
+    )
+    before, after = path - np.roll(path, window, axis=0), np.roll(path, -window, axis=0) - path
+    (ax, ay), (bx, by) = (flat - np.roll(flat, window, axis=0)).T, (np.roll(flat, -window, axis=0) - flat).T
+    before, after = before / _norm(before), after / _norm(after)
+    turn = np.arccos(np.clip((before * after).sum(axis=1), -1, 1)) * np.sign(ax * by - ay * bx) * _winding(places)
+    beside = [np.roll(turn, round(step * window)) for step in (-2.0, -1.5, 1.5, 2.0)]
+    kink = turn - np.mean(beside, axis=0)
+    noise = 1.4826 * float(np.median(np.abs(kink)))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(kink, window, mode="wrap"), 2 * window + 1)
+    peak = np.flatnonzero((kink > max(_LEAST_KINK, _ABOVE_NOISE * noise)) & (kink >= around.max(axis=1)))
+    peak = peak[np.argsort(-kink[peak], kind="stable")][:_MOST]
+    # The corner itself is the point farthest out along the bisector, near the peak.
+    apart = _apart(arc, even[peak])
+    reach = np.maximum(share, apart.min(axis=1, initial=1.0))[:, None]
+    height = np.where(apart <= reach, (before - after)[peak] @ ring.T, -np.inf)
+    found, which = np.unique(height.argmax(axis=1), return_index=True)
+    return found, kink[peak][which]
+
+
+def _apart(arc: Float[np.ndarray, " b"], places: Float[np.ndarray, " c"]) -> Float[np.ndarray, "c b"]:
+    """Shares of the loop between places and all points, the shorter way round."""
+    return np.abs((arc - places[:, None] + 0.5) % 1.0 - 0.5)
+
+
+def _norm(vectors: np.ndarray) -> np.ndarray:
+    return np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _winding(places: Float[np.ndarray, "b 2"]) -> float:
+    after = np.roll(places, -1, axis=0)
+    return float(np.sign((places[:, 0] * after[:, 1] - places[:, 1] * after[:, 0]).sum()))
+
+
+def _best_four(arc: np.ndarray, candidates: np.ndarray, kinks: np.ndarray) -> Int[np.ndarray, "4"]:
+    """The four candidates of largest kinks (up to a right angle each) and best balance of opposite sides."""
+    sets = np.array(list(combinations(range(len(candidates)), 4)))
+    at = arc[candidates][sets]
+    sides = np.diff(at, axis=1, append=at[:, :1] + 1.0)
+    low, high = np.minimum(sides[:, :2], sides[:, 2:]), np.maximum(sides[:, :2], sides[:, 2:])
+    score = np.minimum(kinks[sets], np.pi / 2).sum(axis=1) + (low / high).sum(axis=1)
+    return candidates[sets[int(np.argmax(score))]]
+
+
+def _box_corners(arc: np.ndarray, places: Float[np.ndarray, "b 2"], candidates: np.ndarray) -> Int[np.ndarray, "4"]:
+    """The points farthest out towards the corners of the smallest rectangle, or a kink near them."""
+    box = smallest_box(places)
+    sides = box[[1, 3]] - box[0]
+    unit = (places - box[0]) @ (sides / (sides**2).sum(axis=1, keepdims=True)).T - 0.5
+    corners = np.argmax(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ unit.T, axis=1)
+    for kink in candidates:
+        apart = _apart(arc[corners], arc[[kink]])[0]
+        if apart.min() < _NEAR:
+            corners[int(apart.argmin())] = kink
+    if len(np.unique(corners)) < 4:
+        raise InputError("the boundary shows no four corners; give them as corners=")
+    return corners
