@@ -2,6 +2,7 @@
 
 from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
 from ._version import __version__ as __version__
+from .areal import ArealParameters as ArealParameters, areal_parameters as areal_parameters
 from .characterise import (
     Cylinder as Cylinder,
     FittedForm as FittedForm,
