@@ -155,13 +155,15 @@ def test_minimum_zone(form):
 
 
 def test_minimum_zone_of_a_known_plane():
-    """Points at ±1 on a plane: the zone is 2 and the plane is that one, though least squares prefers another."""
-    x, y = square(400).T
-    z = np.where(x > 0.2, 1.0, -1.0) * np.where(y > 0.3, 1.0, -1.0)
-    plane = np.array([0.1, -0.2])
-    points = np.column_stack([x, y, z / np.sqrt(1.05) * 1.05 + np.column_stack([x, y]) @ plane])
-    fitted = fit_form(points, "plane", criterion="minimum zone")
-    assert fitted.zone == pytest.approx(2, abs=1e-6)
+    """Points 0.1 above and 0.1 below a plane all over it: the zone is 0.2, though least squares tilts to one side."""
+    plane = square(400)
+    generator = np.random.default_rng(8)
+    sides = np.where(generator.random(400) < 0.5 + 0.3 * plane[:, 0], 1.0, -1.0)
+    points = np.column_stack([plane, 0.1 * sides]) @ TURN.T + SHIFT
+    least, zone = (fit_form(points, "plane", criterion=name) for name in ("least squares", "minimum zone"))
+    assert abs(least.values["normal"] @ TURN[:, 2]) < 0.9999
+    assert abs(zone.values["normal"] @ TURN[:, 2]) == pytest.approx(1, abs=1e-9)
+    assert zone.zone == pytest.approx(0.2, abs=1e-9)
 
 
 def test_the_side_that_is_outside():

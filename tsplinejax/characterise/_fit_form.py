@@ -22,8 +22,9 @@ Distance = Literal["orthogonal", "vertical"]
 Criterion = Literal["least squares", "minimum zone"]
 
 _STEPS, _ROBUST_STEPS = 100, 20
-_FEW = 4000  # points on which starts are compared
-_HUBER = 2.0
+_FEW, _STARTS = 4000, 4  # points on which starts are compared, and how many of them are fitted
+_HUBER, _TUKEY = 2.0, 6.0  # in units of the residuals' robust scale
+_RESTING = 1e-6
 _ON_A_LINE = 1e-9
 _AT_REST, _NO_GAIN = 1e-13, 1e-13  # a last step, in units of the data's size; a last gain, relative
 
@@ -107,7 +108,7 @@ def fit_form(
     - `form`: `Plane()`, `Polynomial(order)`, `Sphere()`, `Cylinder()`, or their names `"plane"`, `"poly2"`, ...
     - `distance`: `"orthogonal"`, along the form's normal, or `"vertical"`, along z.
     - `criterion`: `"least squares"`, or `"minimum zone"`, the form with the smallest largest residual (Chebyshev).
-    - `robust`: weigh samples beyond twice the spread down (Huber), so that outliers hardly pull.
+    - `robust`: weigh samples down that stand off (Huber, then Tukey: nothing beyond six robust standard deviations pulls).
     - `weights`: (m,), one a valid sample, not negative.
     - `outward`: direction out of the material for clouds; by default +z, or the side of a mesh's winding.
 
@@ -169,10 +170,10 @@ def _scaled(data: HeightMap | PointCloud, form: AbstractSimpleForm) -> tuple[np.
     centre = points.mean(axis=0)
     offsets = points - centre
     scale = float(np.abs(offsets).max())
-    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(offsets.T @ offsets), 0)) if scale else np.zeros(3)
-    if not extents[1] > _ON_A_LINE * extents[2]:
+    lengths = np.linalg.svd(offsets / (scale or 1.0), compute_uv=False)
+    if not lengths[1] > _ON_A_LINE * lengths[0]:
         raise InputError(
-            f"a {form.name} needs points that are not all on one line (or in one place); received {len(points)} that are"
+            f"a {form.name} needs points that are not all on one line or in one place; received {len(points)} that are"
         )
     return offsets / scale, scale, centre
 
@@ -230,7 +231,7 @@ def _best_start(form: AbstractSimpleForm, points: np.ndarray, residuals: Any) ->
     few = points[:: max(1, len(points) // _FEW)]
     starts = list(form.starts(few))
     starts.sort(key=lambda shape: _cost(residuals(shape, few)[0], np.ones(len(few))))
-    fitted = [_least_squares(shape, few, np.ones(len(few)), residuals)[0] for shape in starts[:4]]
+    fitted = [_least_squares(shape, few, np.ones(len(few)), residuals)[0] for shape in starts[:_STARTS]]
     return min(fitted, key=lambda shape: _cost(residuals(shape, few)[0], np.ones(len(few))))
 
 
@@ -256,7 +257,7 @@ def _least_squares(
             trial = shape.moved(step * 0.5**halvings)
             left_then, derivatives_then = residuals(trial, points)
             cost_then = _cost(left_then, weights)
-            if cost_then <= cost:
+            if cost_then <= cost * (1 + _NO_GAIN):
                 break
         else:
             return shape, True
@@ -270,17 +271,26 @@ def _least_squares(
 def _robust(
     shape: AbstractShape, points: np.ndarray, weights: np.ndarray, residuals: Any
 ) -> tuple[AbstractShape, bool]:
-    """Huber's weights, renewed until the residuals' scale rests (median of magnitudes, 1.4826 of it)."""
-    scale = np.inf
-    for _ in range(_ROBUST_STEPS):
-        left = np.abs(residuals(shape, points)[0])
-        left = np.where(np.isfinite(left), left, np.nanmax(left, initial=0.0))
-        before, scale = scale, 1.4826 * float(np.median(left))
-        reach = max(_HUBER * scale, 1e-15)
-        shape, converged = _least_squares(shape, points, weights * np.minimum(1, reach / (left + 1e-300)), residuals)
-        if abs(before - scale) <= 1e-6 * scale:
-            return shape, converged
-    return shape, False
+    """Huber's weights, then Tukey's, each renewed until the scale of the residuals (1.4826 × median magnitude) rests."""
+    converged = False
+    for weigh in (_huber, _tukey):
+        scale = np.inf
+        for _ in range(_ROBUST_STEPS):
+            left = np.abs(residuals(shape, points)[0])
+            left = np.where(np.isfinite(left), left, np.nanmax(left, initial=0.0))
+            before, scale = scale, max(1.4826 * float(np.median(left)), 1e-15)
+            if abs(before - scale) <= _RESTING * scale:
+                break
+            shape, converged = _least_squares(shape, points, weights * weigh(left / scale), residuals)
+    return shape, converged
+
+
+def _huber(ratio: np.ndarray) -> np.ndarray:
+    return np.minimum(1, _HUBER / np.maximum(ratio, _HUBER))
+
+
+def _tukey(ratio: np.ndarray) -> np.ndarray:
+    return np.maximum(1 - (ratio / _TUKEY) ** 2, 0) ** 2
 
 
 def _values(shape: AbstractShape, centre: np.ndarray, scale: float) -> dict[str, Any]:

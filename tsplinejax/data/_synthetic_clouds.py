@@ -99,7 +99,7 @@ def freeform_artefact(
     - `seed`: of the outliers.
 
     >>> freeform_artefact(2000)
-    PointCloud(1861 points, diagonal=131.687 mm, float64)
+    PointCloud(1861 points, diagonal=131.688 mm, float64)
     """
     if points < 100 or not roughness >= 0 or not 0 <= outliers < 1 or not density > 0:
         raise InputError(
