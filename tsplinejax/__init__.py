@@ -54,6 +54,15 @@ from .mesh import (
     is_analysis_suitable as is_analysis_suitable,
     refine as refine,
 )
+from .orthogonal import (
+    Huber as Huber,
+    Joint as Joint,
+    Normal as Normal,
+    OrthogonalFit as OrthogonalFit,
+    Parametric as Parametric,
+    Tukey as Tukey,
+    fit_orthogonal as fit_orthogonal,
+)
 from .space import SplineSpace as SplineSpace, spline_space as spline_space
 from .surface import (
     Projection as Projection,

@@ -1,6 +1,7 @@
 """Orthogonal distance fitting: surfaces through points in space, by their distances along the normals."""
 
 from ._descent import Elimination as Elimination
+from ._fit import fit_orthogonal as fit_orthogonal
 from ._methods import (
     AbstractMethod as AbstractMethod,
     AbstractRobust as AbstractRobust,
@@ -9,4 +10,9 @@ from ._methods import (
     Normal as Normal,
     Parametric as Parametric,
     Tukey as Tukey,
+)
+from ._result import (
+    OrthogonalFit as OrthogonalFit,
+    OrthogonalStep as OrthogonalStep,
+    OrthogonalStop as OrthogonalStop,
 )

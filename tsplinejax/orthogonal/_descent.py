@@ -106,12 +106,34 @@ def eliminating(solver: Any, problem: FootProblem) -> Any:
 
 def minimise(
     problem: FootProblem, start: Unknowns, solver: Any, max_iterations: int
-) -> tuple[Unknowns, Trace, bool, int]:
-    """Fit from a start: the unknowns, the trace, whether it settled, and the steps it took."""
-    import optimistix as optx
+) -> tuple[Unknowns, Trace, bool]:
+    """Fit from a start: the unknowns, the trace, and whether it settled."""
+    unknowns, trace, settled = _iterate(eliminating(solver, problem), problem, start, jnp.int32(max_iterations))
+    return unknowns, trace, bool(settled)
 
-    solution = optx.least_squares(
-        residuals, eliminating(solver, problem), start, args=problem, max_steps=max_iterations, throw=False
-    )
-    settled = bool(solution.result == optx.RESULTS.successful)
-    return solution.value, solution.state.descent_state.trace, settled, int(solution.stats["num_steps"])
+
+@eqx.filter_jit
+def _iterate(solver: Any, problem: FootProblem, start: Unknowns, most: Array) -> tuple[Unknowns, Trace, Array]:
+    """optimistix's own loop, but with a number of steps that is known only when it runs: one compilation for all."""
+
+    def fn(y: Unknowns, args: FootProblem) -> tuple[tuple[Array, ...], None]:
+        return residuals(y, args), None
+
+    shapes = jax.eval_shape(lambda: fn(start, problem)[0])
+    state = solver.init(fn, start, problem, {}, shapes, None, frozenset())
+    moving, fixed = eqx.partition(state, eqx.is_array)
+
+    def unfinished(carry: tuple[Unknowns, Any, Array]) -> Array:
+        y, moving, k = carry
+        done, _ = solver.terminate(fn, y, problem, {}, eqx.combine(moving, fixed), frozenset())
+        return ~done & (k < most)
+
+    def once(carry: tuple[Unknowns, Any, Array]) -> tuple[Unknowns, Any, Array]:
+        y, moving, k = carry
+        y, state, _ = solver.step(fn, y, problem, {}, eqx.combine(moving, fixed), frozenset())
+        return y, eqx.filter(state, eqx.is_array), k + 1
+
+    y, moving, _ = jax.lax.while_loop(unfinished, once, (start, moving, jnp.int32(0)))
+    state = eqx.combine(moving, fixed)
+    done, _ = solver.terminate(fn, y, problem, {}, state, frozenset())
+    return y, state.descent_state.trace, done

@@ -137,11 +137,11 @@ def smoothing_weight(smoothing: float | str, m: int) -> float:
     return float(smoothing)
 
 
-def parametric(space: SplineSpace, request: Request, weights: np.ndarray, smoothing: float) -> TSpline:
+def parametric(
+    space: SplineSpace, request: Request, parameters: np.ndarray, weights: np.ndarray, smoothing: float
+) -> TSpline:
     """The linear fit over fixed parameters, in the fit's own scale."""
-    points = lstsq(
-        space, request.parameters, request.scaled, weights, smoothing=smoothing, extent=request.frame.extent
-    )
+    points = lstsq(space, parameters, request.scaled, weights, smoothing=smoothing, extent=request.frame.extent)
     return make_surface(space, points)
 
 

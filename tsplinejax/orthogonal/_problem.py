@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..fitting import energy_grams, energy_scales
-from ..space import SplineSpace
-from ..surface import bezier_points, jet
+from ..space import SplineSpace, bernstein
+from ..surface import bezier_points
+
+CHUNK = 1 << 12
 
 
 class Unknowns(eqx.Module):
@@ -70,16 +72,45 @@ def residuals(unknowns: Unknowns, problem: FootProblem) -> tuple[Array, Array, A
 @jax.custom_jvp
 def surface_at(space: SplineSpace, control: Float[Array, "n 3"], parameters: Float[Array, "m 2"]) -> Array:
     """The surface's points at parameters, with a derivative that keeps little in memory."""
-    return jet(space, bezier_points(space.tables, control), parameters, [(0, 0)])[0]
+    return jets(space, control, parameters, 0)[0]
 
 
 @surface_at.defjvp
 def _surface_at_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     space, control, parameters = primals
     _, moved, shifted = tangents
-    S, S_s, S_t = jet(space, bezier_points(space.tables, control), parameters, [(0, 0), (1, 0), (0, 1)])
+    S, S_s, S_t = jets(space, control, parameters, 1)
     change = surface_at(space, moved, parameters)
     return S, change + S_s * shifted[:, :1] + S_t * shifted[:, 1:]
+
+
+def jets(
+    space: SplineSpace, control: Float[Array, "n 3"], parameters: Float[Array, "m 2"], order: int
+) -> tuple[Float[Array, "m 3"], ...]:
+    """S, and with order 1 S_s and S_t: in chunks whose temporaries stay in the cache."""
+    pieces = bezier_points(space.tables, control).reshape(-1, 4, 12)
+
+    def of_chunk(places: Float[Array, "chunk 2"]) -> tuple[Array, ...]:
+        element = space.locator(places)
+        size = space.tables.size[element]
+        local = (places - space.tables.corner[element]) / size
+        return piece_jets(pieces[element], local[:, None], size[:, None], order)
+
+    m = len(parameters)
+    chunks = -(-m // CHUNK)
+    length = -(-m // chunks)
+    padded = jnp.pad(parameters, ((0, chunks * length - m), (0, 0))).reshape(chunks, length, 2)
+    return tuple(part.reshape(-1, 3)[:m] for part in jax.lax.map(of_chunk, padded))
+
+
+def piece_jets(
+    pieces: Float[Array, "b 4 12"], local: Float[Array, "b lanes 2"], size: Float[Array, "b 1 2"], order: int
+) -> tuple[Float[Array, "b lanes 3"], ...]:
+    """S, and with order 1 S_s and S_t, at lanes of polynomial pieces given by their Bézier points."""
+    along = [[bernstein(local[..., k], n) / size[..., k, None] ** n for n in range(order + 1)] for k in range(2)]
+    rows = [jnp.matmul(part, pieces, precision="highest").reshape(*local.shape[:2], 4, 3) for part in along[0]]
+    orders = ((0, 0), (1, 0), (0, 1))[: 2 * order + 1]
+    return tuple(jnp.sum(along[1][t][..., None] * rows[s], axis=2) for s, t in orders)
 
 
 def _bending(problem: FootProblem, control: Float[Array, "n 3"]) -> Float[Array, "elements 3 16 3"]:

@@ -1,14 +1,13 @@
 """One fit over one space: its start, the rounds of robust weights, and where every point stands after it."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..mesh import TMesh
-from ..space import SplineSpace, to_device
+from ..space import SplineSpace
 from ..surface import Projection, TSpline, make_surface, project, transfer
 from ._descent import minimise
 from ._methods import AbstractFreeMethod, AbstractMethod, AbstractRobust, Huber
@@ -114,7 +113,7 @@ def _improved(first: Fitted, method: AbstractMethod, smoothing: float, iteration
         request.frame.extent,
     )
     start = Unknowns(jnp.zeros_like(problem.hold), first.feet.parameters)
-    unknowns, trace, settled, _ = minimise(problem, start, method.steps_by, iterations)
+    unknowns, trace, settled = minimise(problem, start, method.steps_by, iterations)
     n = int(first.surface.space.n_functions)
     surface = make_surface(first.surface.space, problem.control_points(unknowns.moves)[:n])
     feet = _feet(surface, request, np.asarray(unknowns.parameters))

@@ -13,12 +13,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..fitting import bernstein_mass, element_energy, in_turns
 from ..space import bernstein, bernstein6
-from ..surface import bezier_points, held, invert_two, jet, multiply_two
-from ._problem import FootProblem, Unknowns
+from ..surface import bezier_points, held, invert_two, multiply_two
+from ._problem import FootProblem, Unknowns, jets, piece_jets
 
 LANES = 32
 BLOCKS = 256  # in one turn: what it needs stays in the cache
@@ -119,8 +119,8 @@ def _moments(
         size = tables.size[element][:, None]
         local = (place - tables.corner[element][:, None]) / size
         weights = jnp.where(real, problem.weights[index], 0)
-        jets = _block_jet(pieces[element], local, size)
-        forms, pulls = _projected(jets, problem.points[index], place, weights)
+        found = piece_jets(pieces[element], local, size, 1)
+        forms, pulls = _projected(found, problem.points[index], place, weights)
         six_s, six_t = (jnp.swapaxes(bernstein6(local[..., k]), 1, 2) for k in range(2))
         cubic_s, cubic_t = (jnp.swapaxes(bernstein(local[..., k]), 1, 2) for k in range(2))
         mass, load = carry
@@ -138,24 +138,11 @@ def _outer(along_s: Array, along_t: Array, values: Array) -> Array:
     return jnp.matmul(along_s, right, precision="highest").reshape(b, p, p, -1)
 
 
-def _block_jet(
-    pieces: Float[Array, "b 4 12"], local: Float[Array, "b lanes 2"], size: Float[Array, "b 1 2"]
-) -> tuple[Array, Array, Array]:
-    """S, S_s and S_t at the lanes of blocks that lie in one Bézier element each."""
-    B, C = bernstein(local[..., 0]), bernstein(local[..., 1])
-    B1, C1 = bernstein(local[..., 0], 1) / size[..., :1], bernstein(local[..., 1], 1) / size[..., 1:]
-    rows, sloped = (
-        jnp.matmul(part, pieces, precision="highest").reshape(*local.shape[:2], 4, 3) for part in (B, B1)
-    )
-    S, S_t = (jnp.sum(part[..., None] * rows, axis=2) for part in (C, C1))
-    return S, jnp.sum(C[..., None] * sloped, axis=2), S_t
-
-
 def _projected(
-    jets: tuple[Array, Array, Array], points: Array, parameters: Array, weights: Array
+    found: tuple[Array, ...], points: Array, parameters: Array, weights: Array
 ) -> tuple[Float[Array, "b lanes 6"], Float[Array, "b lanes 3"]]:
     """w Q, its upper triangle, and w Q r."""
-    S, S_s, S_t = jets
+    S, S_s, S_t = found
     r = S - points
     _, inverse = _block(r, S_s, S_t, parameters)
     a, b, c = (inverse[..., k, None] for k in range(3))
@@ -182,10 +169,8 @@ def _block(r: Array, S_s: Array, S_t: Array, parameters: Array) -> tuple[Float[A
 def follow(problem: FootProblem, unknowns: Unknowns, step: Float[Array, "n r"]) -> Float[Array, "m 2"]:
     """The eliminated part of a step: how parameters move with the control points, within the square."""
     space, parameters = problem.space, unknowns.parameters
-    pieces = bezier_points(space.tables, problem.control_points(unknowns.moves))
-    moved = bezier_points(space.tables, problem.displacements(step))
-    S, S_s, S_t = jet(space, pieces, parameters, [(0, 0), (1, 0), (0, 1)])
-    change = jet(space, moved, parameters, [(0, 0)])[0]
+    S, S_s, S_t = jets(space, problem.control_points(unknowns.moves), parameters, 1)
+    change = jets(space, problem.displacements(step), parameters, 0)[0]
     gradient, inverse = _block(S - problem.points, S_s, S_t, parameters)
     extra = jnp.stack([jnp.sum(change * S_s, axis=1), jnp.sum(change * S_t, axis=1)], axis=1)
     return jnp.clip(parameters - multiply_two(inverse, gradient + extra), 0, 1) - parameters
