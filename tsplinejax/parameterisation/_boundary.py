@@ -9,21 +9,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
 from .._errors import InputError
 from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_pieces, refuse_torn
 from ._points import cloud_of, direction, duplicates, faces
+from ._delaunay import delaunay
 from ._triangles import Loop, boundary_loops, length_of, pieces, unpinched, vector_area
 
-_LONG = 1.25  # reaches
+_LONG = 1.8  # reaches
 
 
-def find_boundary(
-    data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30
-) -> Int[np.ndarray, " b"]:
+def find_boundary(data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30) -> Int[np.ndarray, " b"]:
     """Find the outer boundary of a cloud of points in space; holes are not part of it.
 
     Triangles, if the data have any, are not used: a mesh's boundary is what its edges say.
@@ -64,20 +60,17 @@ def outside_left(
     return (loop if left else loop[::-1]), warning
 
 
-def outline(
-    points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]
-) -> Loop:
+def outline(points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]) -> Loop:
     """Return the outer loop of points laid out flat, counter-clockwise there.
 
     **Raises:** `InputError` where what is left after peeling falls into pieces.
     """
-    mesh = Delaunay(places)
-    triangles = mesh.simplices[~_peeled(mesh.neighbors, _too_long(points, mesh.simplices, reach))]
+    triangles = delaunay(places, lambda triangles: _too_long(points, triangles, reach))
     if not len(triangles):
         raise InputError("the points are too sparse and uneven to show a boundary; give it as boundary=")
     label = pieces(triangles)
     refuse_pieces(np.bincount(label), "triangles")
-    triangles, original = unpinched(_counter_clockwise(places, triangles[label == 0]))
+    triangles, original = unpinched(triangles[label == 0])
     loops = boundary_loops(triangles)
     return original[max(loops, key=lambda loop: length_of(places[original], loop))]
 
@@ -89,21 +82,3 @@ def _too_long(
     ends = np.roll(triangles, -1, axis=1)
     lengths = np.linalg.norm(points[triangles] - points[ends], axis=2)
     return (lengths > _LONG * np.minimum(reach[triangles], reach[ends])).any(axis=1)
-
-
-def _peeled(neighbours: Int[np.ndarray, "k 3"], long: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Long triangles that are joined with the outside by long triangles."""
-    count = len(neighbours)
-    triangle = np.repeat(np.arange(count), 3)
-    other = neighbours.ravel()
-    joins = long[triangle] & ((other < 0) | long[other])
-    other = np.where(other < 0, count, other)
-    graph = sparse.coo_matrix((np.ones(joins.sum(), bool), (triangle[joins], other[joins])), (count + 1, count + 1))
-    label = connected_components(graph, directed=False)[1]
-    return label[:-1] == label[-1]
-
-
-def _counter_clockwise(places: Float[np.ndarray, "m 2"], triangles: Int[np.ndarray, "k 3"]) -> np.ndarray:
-    a, b, c = np.moveaxis(places[triangles], 1, 0)
-    (ax, ay), (bx, by) = (b - a).T, (c - a).T
-    return np.where((ax * by < ay * bx)[:, None], triangles[:, [1, 0, 2]], triangles)

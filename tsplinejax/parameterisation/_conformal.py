@@ -110,7 +110,9 @@ def _result(
         known = task.points[solution.solved]
         parameters[left] = interpolated(known, solution.parameters, task.points[left])
         if not warnings:
-            warnings.append(f"{len(left)} points belong to no triangle of the surface; their parameters are interpolated")
+            warnings.append(
+                f"{len(left)} points belong to no triangle of the surface; their parameters are interpolated"
+            )
     if abs(solution.certificate - 1) > _DOUBTFUL:
         warnings.append(
             f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, or the "

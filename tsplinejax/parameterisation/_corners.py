@@ -1,8 +1,9 @@
 """The four corners of a boundary loop.
 
-Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Four or
-more: the four that turn most and whose opposite sides are most alike. Fewer: the points farthest out towards the corners
-of the smallest rectangle around the outline, moved to a kink where one is near.
+Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another set
+are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink where
+one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite sides
+are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
 """
 
 from itertools import combinations
@@ -17,9 +18,9 @@ from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood
 from ._points import best_turn, cloud_of, duplicates, smallest_box
 from ._triangles import Loop
 
-_STEPS = 500
-_WINDOW, _WINDOW_POINTS = 0.012, 6  # of the loop's length, and in points
-_LEAST_KINK, _ABOVE_NOISE = 0.3, 4.0  # radians, and in standard deviations
+_WINDOWS, _SHARES = (2, 4), (0.004, 0.06)  # in points, and as a share of the loop
+_LEAST_KINK, _CLEAN = 0.3, 0.1  # radians
+_BOX_BONUS = 1.0
 _MOST = 12
 _NEAR = 0.08  # of the loop's length
 
@@ -111,11 +112,27 @@ def corners_of(ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"])
     - `ring`: the loop's points in space, in order.
     - `places`: the same in a layout.
     """
-    candidates, kinks = _kinks(ring, places)
     arc = _arc(ring)
-    corners = _best_four(arc, candidates, kinks) if len(candidates) >= 4 else _box_corners(arc, places, candidates)
-    corners = np.sort(corners)
+    for window in _WINDOWS:
+        candidates, kinks, noise = _kinks(ring, places, np.clip(window / len(ring), *_SHARES))
+        if noise < _CLEAN:
+            break
+    sharp = np.full(len(ring), 0.0)
+    sharp[candidates] = np.minimum(kinks, np.pi / 2)
+    sets = np.stack([_box_corners(arc, places, candidates), *combinations(np.sort(candidates), 4)])
+    sets = sets[[len(np.unique(four)) == 4 for four in sets]]
+    if not len(sets):
+        raise InputError("the boundary shows no four corners; give them as corners=")
+    score = sharp[sets].sum(axis=1) + _balance(arc[sets])
+    score[0] += _BOX_BONUS
+    corners = sets[int(np.argmax(score))]
     return np.roll(corners, -best_turn(ring[corners]))
+
+
+def _balance(at: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, " n"]:
+    """How alike the lengths of opposite sides are, 2 if they are the same, for corners at shares of the loop."""
+    sides = np.diff(at, axis=1, append=at[:, :1] + 1.0)
+    return (np.minimum(sides[:, :2], sides[:, 2:]) / np.maximum(sides[:, :2], sides[:, 2:])).sum(axis=1)
 
 
 def _arc(ring: Float[np.ndarray, "b d"]) -> Float[np.ndarray, " b"]:
@@ -125,15 +142,16 @@ def _arc(ring: Float[np.ndarray, "b d"]) -> Float[np.ndarray, " b"]:
 
 
 def _kinks(
-    ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"]
-) -> tuple[Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Points where the loop turns outwards more sharply than just before and after, and by what angle more.
+    ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"], share: float
+) -> tuple[Int[np.ndarray, " c"], Float[np.ndarray, " c"], float]:
+    """Points where the loop turns outwards more sharply than just before and after, by what angle more, and the noise of it.
 
-    Angles are those in space, between chords of one window; the layout tells outwards from inwards.
+    Angles are those in space, between chords of one window, a share of the loop; the layout tells outwards from inwards.
+    A ragged loop turns everywhere: what does not stand out of that is no kink.
     """
-    arc, even = _arc(ring), np.arange(_STEPS) / _STEPS
-    share = max(_WINDOW, _WINDOW_POINTS / len(ring))
-    window = round(share * _STEPS)
+    steps = int(np.clip(4 * len(ring), 500, 20_000))
+    arc, even = _arc(ring), np.arange(steps) / steps
+    window = max(round(share * steps), 1)
     path, flat = (
         np.stack([np.interp(even, arc, curve[:, k], period=1.0) for k in range(curve.shape[1])], axis=1)
         for curve in (ring, places)
@@ -146,14 +164,14 @@ def _kinks(
     kink = turn - np.mean(beside, axis=0)
     noise = 1.4826 * float(np.median(np.abs(kink)))
     around = np.lib.stride_tricks.sliding_window_view(np.pad(kink, window, mode="wrap"), 2 * window + 1)
-    peak = np.flatnonzero((kink > max(_LEAST_KINK, _ABOVE_NOISE * noise)) & (kink >= around.max(axis=1)))
+    peak = np.flatnonzero((kink > _LEAST_KINK) & (kink >= around.max(axis=1)))
     peak = peak[np.argsort(-kink[peak], kind="stable")][:_MOST]
     # The corner itself is the point farthest out along the bisector, near the peak.
     apart = _apart(arc, even[peak])
     reach = np.maximum(share, apart.min(axis=1, initial=1.0))[:, None]
     height = np.where(apart <= reach, (before - after)[peak] @ ring.T, -np.inf)
     found, which = np.unique(height.argmax(axis=1), return_index=True)
-    return found, kink[peak][which]
+    return found, kink[peak][which], noise
 
 
 def _apart(arc: Float[np.ndarray, " b"], places: Float[np.ndarray, " c"]) -> Float[np.ndarray, "c b"]:
@@ -170,16 +188,6 @@ def _winding(places: Float[np.ndarray, "b 2"]) -> float:
     return float(np.sign((places[:, 0] * after[:, 1] - places[:, 1] * after[:, 0]).sum()))
 
 
-def _best_four(arc: np.ndarray, candidates: np.ndarray, kinks: np.ndarray) -> Int[np.ndarray, "4"]:
-    """The four candidates of largest kinks (up to a right angle each) and best balance of opposite sides."""
-    sets = np.array(list(combinations(range(len(candidates)), 4)))
-    at = arc[candidates][sets]
-    sides = np.diff(at, axis=1, append=at[:, :1] + 1.0)
-    low, high = np.minimum(sides[:, :2], sides[:, 2:]), np.maximum(sides[:, :2], sides[:, 2:])
-    score = np.minimum(kinks[sets], np.pi / 2).sum(axis=1) + (low / high).sum(axis=1)
-    return candidates[sets[int(np.argmax(score))]]
-
-
 def _box_corners(arc: np.ndarray, places: Float[np.ndarray, "b 2"], candidates: np.ndarray) -> Int[np.ndarray, "4"]:
     """The points farthest out towards the corners of the smallest rectangle, or a kink near them."""
     box = smallest_box(places)
@@ -190,6 +198,4 @@ def _box_corners(arc: np.ndarray, places: Float[np.ndarray, "b 2"], candidates: 
         apart = _apart(arc[corners], arc[[kink]])[0]
         if apart.min() < _NEAR:
             corners[int(apart.argmin())] = kink
-    if len(np.unique(corners)) < 4:
-        raise InputError("the boundary shows no four corners; give them as corners=")
-    return corners
+    return np.sort(corners)

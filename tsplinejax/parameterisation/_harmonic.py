@@ -42,18 +42,32 @@ def cloud_laplacian(points: Float[np.ndarray, "m 3"], neighbours: int) -> sparse
     return library.point_cloud_laplacian(points, n_neighbors=min(neighbours, len(points) - 1))[0]
 
 
+def _elements(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.ndarray, "k 3 3"]:
+    """Dirichlet energies of pairs of linear hat functions on each triangle: eₐ · e_b / 4A, with the opposite edges e."""
+    corners = points[triangles]
+    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    area = areas(points, triangles)
+    return opposite @ np.swapaxes(opposite, 1, 2) / (4 * np.maximum(area, _FLATTEST * area.mean()))[:, None, None]
+
+
+def areas(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.ndarray, " k"]:
+    """Return the areas of triangles in space.
+
+    >>> areas(np.array([[0.0, 0, 1], [1, 0, 1], [0, 1, 1]]), np.array([[0, 1, 2]]))
+    array([0.5])
+    """
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
 def mesh_laplacian(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> sparse.csc_matrix:
     """The Laplacian of linear finite elements on a triangle mesh, positive semi-definite (cotangent weights).
 
     Not the intrinsic Delaunay one: on a ragged boundary its flips would let the solution leak through the sides.
     """
-    corners = points[triangles]
-    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    area = 0.5 * np.linalg.norm(np.cross(opposite[:, 0], opposite[:, 1]), axis=1)
-    # Entry (a, b) of an element is eₐ · e_b / 4A, with the edges opposite to its corners.
-    elements = opposite @ np.swapaxes(opposite, 1, 2) / (4 * np.maximum(area, _FLATTEST * area.mean()))[:, None, None]
     rows, columns = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel()
-    return sparse.csc_matrix((elements.ravel(), (rows, columns)), (len(points), len(points)))
+    values = _elements(points, triangles).ravel()
+    return sparse.csc_matrix((values, (rows, columns)), (len(points), len(points)))
 
 
 def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np.ndarray, "4"]) -> Harmonic:
@@ -91,29 +105,35 @@ def _dirichlet(laplacian: sparse.csc_matrix, zero: Loop, one: Loop) -> Float[np.
     return np.clip(values, 0.0, 1.0)
 
 
-def dilatation(
-    points: Float[np.ndarray, "n 3"], triangles: Triangles, plane: Float[np.ndarray, "n 2"]
-) -> tuple[Dilatation, float]:
-    """Return the dilatation of the map from the plane to a mesh, and the mesh's area.
+def dilatation(points: Float[np.ndarray, "n 3"], triangles: Triangles, plane: Float[np.ndarray, "n 2"]) -> Dilatation:
+    """Return how far the map from a plane to a mesh is from a similarity.
 
-    The map is linear on each triangle. With its first fundamental form [[E, F], [F, G]], the squares of the singular values
-    are the eigenvalues of the form, and the dilatation is √(larger / smaller).
+    At every vertex the products ∇x · ∇x, ∇x · ∇y, ∇y · ∇y of the plane's coordinates, averaged over the area of the
+    triangles around it; the dilatation is the ratio of the map's singular values there. (A single triangle shows how the
+    scale changes across it, too, as if that were a distortion.)
+
+    **Arguments:**
+
+    - `points`: (n, 3), vertices in space.
+    - `triangles`: (k, 3).
+    - `plane`: (n, 2), their places in the plane.
+
+    >>> square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> dilatation(square, np.array([[0, 1, 2], [0, 2, 3]]), square[:, :2] * [1.0, 3.0]).median
+    3.0
     """
-    corners, flat = points[triangles], plane[triangles]
-    edges = corners[:, 1:] - corners[:, :1]
-    normal = np.cross(edges[:, 0], edges[:, 1])
-    area = 0.5 * np.linalg.norm(normal, axis=1)
-    (ax, ay), (bx, by) = np.moveaxis(flat[:, 1:] - flat[:, :1], 1, 0).transpose(0, 2, 1)
-    double = ax * by - ay * bx
+    values = plane[triangles]
+    products = np.swapaxes(values, 1, 2) @ _elements(points, triangles) @ values
+
+    def around(of_triangles: np.ndarray) -> np.ndarray:
+        return np.bincount(triangles.ravel(), np.repeat(of_triangles, 3), len(points))
+
+    area = around(areas(points, triangles))
+    xx, xy, yy = around(products[:, 0, 0]), around(products[:, 0, 1]), around(products[:, 1, 1])
+    larger = 0.5 * (xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy**2))
     with np.errstate(divide="ignore", invalid="ignore"):
-        along_x = (edges[:, 0] * by[:, None] - edges[:, 1] * ay[:, None]) / double[:, None]
-        along_y = (edges[:, 1] * ax[:, None] - edges[:, 0] * bx[:, None]) / double[:, None]
-        e, f, g = ((one * two).sum(axis=1) for one, two in ((along_x, along_x), (along_x, along_y), (along_y, along_y)))
-        spread = np.sqrt((e - g) ** 2 + 4 * f**2)
-        # The smaller eigenvalue as determinant over the larger one: no cancellation.
-        ratio = (e + g + spread) / (2 * np.abs(2 * area / double))
-    ratio = np.where(np.isfinite(ratio), ratio, np.inf)
-    return Dilatation(*_weighted_quantiles(ratio, area, (0.5, 0.95))), float(area.sum())
+        ratio = larger / np.sqrt(np.maximum(xx * yy - xy**2, 0.0))
+    return Dilatation(*_weighted_quantiles(np.where(np.isnan(ratio), np.inf, ratio), area, (0.5, 0.95)))
 
 
 def _weighted_quantiles(values: np.ndarray, weights: np.ndarray, shares: tuple[float, ...]) -> list[float]:

@@ -17,21 +17,22 @@ from .._errors import InputError
 
 _LANDMARKS = 32
 _NEAREST = 6
-_FAR = 2.0
+_FAR = 2.5
+_REACH = 16
 _TORN = 0.05
 _STEEP, _STEEP_SHARE = 0.25, 0.05
 _DEBRIS = 0.02
 
 
 class Neighbourhood(NamedTuple):
-    """The graph of near points, weighted by distance, and each point's reach: how far its neighbours lie."""
+    """The graph of near points, weighted by distance, and each point's reach: how far its sixteenth neighbour lies."""
 
     graph: sparse.csr_matrix
     reach: Float[np.ndarray, " m"]
 
 
 def neighbourhood(points: Float[np.ndarray, "m 3"], neighbours: int) -> Neighbourhood:
-    """Join every point with its nearest neighbours; its reach is the distance of the last one.
+    """Join every point with its nearest neighbours; its reach is the distance of the sixteenth, or of the last.
 
     >>> neighbourhood(np.eye(3) * [1, 1, 0], 1).reach
     array([1., 1., 1.])
@@ -41,7 +42,7 @@ def neighbourhood(points: Float[np.ndarray, "m 3"], neighbours: int) -> Neighbou
     distances, indices = cKDTree(points).query(points, near + 1)
     rows = np.repeat(np.arange(count), near)
     graph = sparse.csr_matrix((distances[:, 1:].ravel(), (rows, indices[:, 1:].ravel())), (count, count))
-    return Neighbourhood(graph.maximum(graph.T).tocsr(), distances[:, -1])
+    return Neighbourhood(graph.maximum(graph.T).tocsr(), distances[:, min(near, _REACH)])
 
 
 def main_piece(graph: sparse.csr_matrix) -> Bool[np.ndarray, " m"]:

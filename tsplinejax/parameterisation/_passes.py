@@ -5,17 +5,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
-from scipy.spatial import Delaunay  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
 from .._errors import InputError
 from ._boundary import outline, outside_left
 from ._corners import corners_of, placed_corners
-from ._harmonic import Harmonic, cloud_laplacian, dilatation, harmonic_rectangle, mesh_laplacian
+from ._delaunay import delaunay
+from ._graded import graded
+from ._harmonic import areas, cloud_laplacian, dilatation, harmonic_rectangle, mesh_laplacian
 from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_torn
 from ._result import Dilatation
 from ._sheet import sheet_of
 from ._thin import thinned
-from ._triangles import Loop, Triangles, half_edges
+from ._triangles import Loop, Triangles, boundary_loops, half_edges
 
 _FEWEST = 12
 
@@ -53,11 +54,11 @@ def of_mesh(task: Task, triangles: Triangles) -> Solution:
         corners = placed_corners(task.corners, ring, task.points)
     else:
         corners = corners_of(sheet.vertices[sheet.loop], _mesh_layout(sheet.vertices, sheet.triangles)[sheet.loop])
-    found = harmonic_rectangle(mesh_laplacian(sheet.vertices, sheet.triangles), sheet.loop, corners)
     warnings = () if not sheet.holes else (f"{sheet.holes} hole{'s' * (sheet.holes > 1)} of the mesh closed",)
+    solution = _on_mesh(sheet.vertices, sheet.triangles, sheet.loop, sheet.loop[corners])
     own = len(sheet.original)
-    return _solution(
-        (sheet.vertices, sheet.triangles), found, sheet.original, found.coordinates[:own], ring, corners, warnings
+    return Solution(
+        sheet.original, solution[0][:own], np.roll(ring, -corners[0]), ring[corners], *solution[1:], warnings
     )
 
 
@@ -89,12 +90,14 @@ def of_cloud(task: Task, max_points: int) -> Solution:
     rough = harmonic_rectangle(cloud_laplacian(points, task.neighbours), loop, corners)
     plane = rough.coordinates * [1.0, rough.side_ratio]
     refuse_torn(points, plane, near.reach)
-    triangles, kept, loop, corners = _triangulated(plane, loop, corners)
-    points, names = points[kept], names[kept]
-    found = harmonic_rectangle(mesh_laplacian(points, triangles), loop, corners)
-    return _solution(
-        (points, triangles), found, names, found.coordinates, names[loop], corners, tuple(warnings)
-    )
+    triangles = delaunay(plane)
+    used = np.zeros(len(plane), bool)
+    used[triangles] = True
+    number = np.cumsum(used) - 1
+    ring = max(boundary_loops(number[triangles]), key=len)
+    solution = _on_mesh(points[used], number[triangles], ring, number[loop[corners]])
+    boundary = names[np.roll(loop, -corners[0])]
+    return Solution(names[used], *solution[:1], boundary, names[loop[corners]], *solution[1:], tuple(warnings))
 
 
 def _kept(task: Task, max_points: int) -> Int[np.ndarray, " k"]:
@@ -128,45 +131,14 @@ def _frame_of_cloud(
     return loop, placed_corners(task.corners, names[loop], task.points), warning
 
 
-def _triangulated(
-    plane: Float[np.ndarray, "n 2"], loop: Loop, corners: Int[np.ndarray, "4"]
-) -> tuple[Triangles, Int[np.ndarray, " k"], Loop, Int[np.ndarray, "4"]]:
-    """Delaunay triangles of rough coordinates, counter-clockwise; which points they have; loop and corners among these.
-
-    Points that coincide there are left out.
-    """
-    mesh = Delaunay(plane)
-    a, b, c = np.moveaxis(plane[mesh.simplices], 1, 0)
-    (ax, ay), (bx, by) = (b - a).T, (c - a).T
-    triangles = np.where((ax * by < ay * bx)[:, None], mesh.simplices[:, [1, 0, 2]], mesh.simplices)
-    used = np.zeros(len(plane), bool)
-    used[triangles] = True
-    used[loop[corners]] = True
-    number = np.cumsum(used) - 1
-    stays = used[loop]
-    place = np.cumsum(stays) - 1
-    return number[triangles], np.flatnonzero(used), number[loop[stays]], place[corners]
-
-
-def _solution(
-    mesh: tuple[Float[np.ndarray, "n 3"], Triangles],
-    found: Harmonic,
-    names: Int[np.ndarray, " k"],
-    parameters: Float[np.ndarray, "k 2"],
-    ring: Loop,
-    corners: Int[np.ndarray, "4"],
-    warnings: tuple[str, ...],
-) -> Solution:
-    spread, area = dilatation(*mesh, found.coordinates * [1.0, found.side_ratio])
+def _on_mesh(
+    vertices: Float[np.ndarray, "n 3"], triangles: Triangles, ring: Loop, corners: Int[np.ndarray, "4"]
+) -> tuple[Float[np.ndarray, "n 2"], float, float, Dilatation, float]:
+    """Coordinates of a mesh's vertices; side ratio, certificate, dilatation and area."""
+    finer, parts, whole = graded(vertices, triangles, ring, corners)
+    places = np.argmax(whole == corners[:, None], axis=1)
+    found = harmonic_rectangle(mesh_laplacian(finer, parts), whole, places)
+    coordinates = found.coordinates[: len(vertices)]
+    spread = dilatation(vertices, triangles, coordinates * [1.0, found.side_ratio])
     certificate = found.energies[0] * found.energies[1]
-    return Solution(
-        names,
-        parameters,
-        np.roll(ring, -corners[0]),
-        ring[corners],
-        found.side_ratio,
-        certificate,
-        spread,
-        area,
-        warnings,
-    )
+    return coordinates, found.side_ratio, certificate, spread, float(areas(vertices, triangles).sum())

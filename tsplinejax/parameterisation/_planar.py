@@ -10,9 +10,7 @@ from ._points import best_turn, cloud_of, direction, faces, smallest_box
 from ._result import Parameterisation
 
 
-def planar(
-    data: Any, *, axes: Literal["xy", "plane"] = "xy", outward: ArrayLike = (0.0, 0.0, 1.0)
-) -> Parameterisation:
+def planar(data: Any, *, axes: Literal["xy", "plane"] = "xy", outward: ArrayLike = (0.0, 0.0, 1.0)) -> Parameterisation:
     """Project points on a plane, and scale their bounding rectangle there to [0, 1]².
 
     **Arguments:**
