@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ..data import HeightMap, PointCloud
+from ..surface import TSpline
 from ._forms import Formed
 from ._fit_form import FittedForm
 from ._removal import Distortion
@@ -74,9 +75,10 @@ def distortion_of(
     """Area and length ratios of the form's surface to the texture map's plane."""
     chosen = np.flatnonzero(inliers)
     chosen = chosen[:: max(1, len(chosen) // _PLACES)]
-    if isinstance(data, HeightMap) or isinstance(formed.form, FittedForm):
+    over_xy = isinstance(data, HeightMap) or (isinstance(formed.form, TSpline) and formed.form.is_height_map)
+    if over_xy or isinstance(formed.form, FittedForm):
         # The map's plane is the projection along z, or along the mean normal: lengths grow by 1 / cos in one direction.
-        up = np.array([0.0, 0.0, 1.0]) if isinstance(data, HeightMap) else _unit(formed.normals[chosen].mean(axis=0))
+        up = np.array([0.0, 0.0, 1.0]) if over_xy else _unit(formed.normals[chosen].mean(axis=0))
         stretch = 1 / np.maximum(np.abs(formed.normals[chosen] @ up), 1e-6)
         return Distortion(_share(stretch - 1), _share(stretch - 1))
     parameters = formed.parameters[chosen]
