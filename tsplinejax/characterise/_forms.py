@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._errors import InputError
-from ..data import HeightMap, PointCloud
+from ..data import HeightMap, PointCloud, find_outliers
 from ..fitting import fit
 from ..orthogonal import Joint, Normal, Parametric, Tukey, fit_orthogonal
 from ..surface import TSpline, normals, project
@@ -136,6 +136,10 @@ def orthogonal(task: Task, place: Placed) -> Formed:
     distances, directions = np.empty(len(points)), np.empty((len(points), 3))
     distances[kept], directions[kept] = np.asarray(result.distances), np.asarray(result.normals)
     outliers[kept] = np.asarray(result.outliers)
+    if task.robust:
+        # Off a flat texture stands what was hidden by the form's slopes.
+        flat = np.column_stack([parameters[kept] * place.sides, distances[kept]])
+        outliers[kept] |= find_outliers(PointCloud(flat))
     if not kept.all():
         others = project(result.surface, points[~kept])
         parameters[~kept] = np.asarray(others.parameters)

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     report = {
         **values,
         "units": units,
-        "notes": dict(measured.notes),
+        "notes": list(measured.notes),
         "operations": operations,
         "range": data.range,
         "unit": data.unit,
