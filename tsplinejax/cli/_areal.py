@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         value = getattr(arguments, option)
         data = data if value is None else operation(data, value)
     measured = areal_parameters(data)
-    values, units = measured.as_dict(), dict(measured.units)
+    values, units = dict(measured.values), dict(measured.units)
     operations = list(data.provenance.get("operations", ()))
     report = {
         **values,
