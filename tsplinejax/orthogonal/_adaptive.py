@@ -13,7 +13,7 @@ from ..mesh import MAX_LEVEL, AnalysisSuitable, TMesh, bisect, require_forest
 from ._result import OrthogonalStop
 from ._round import Fitted
 
-STAGE_FACTOR = 0.5
+STAGE_FACTOR = 0.25
 SMALLEST = 0.25  # area of an element that is still cut, in mean areas of a point
 
 
@@ -25,15 +25,12 @@ class Budget:
     max_control_points: int
 
 
-def within(fitted: Fitted, limit: float) -> bool:
-    """Whether every point that counts is within the limit."""
-    return fitted.worst <= limit
-
-
 def refined(
     fitted: Fitted, limit: float, stage: float, budget: Budget, step: int
 ) -> tuple[TMesh | None, float, OrthogonalStop | None]:
     """A finer mesh and the stage it was marked against, or why there is none."""
+    if fitted.worst <= limit:
+        return None, stage, OrthogonalStop.TOLERANCE
     if budget.max_steps is not None and step >= budget.max_steps:
         return None, stage, OrthogonalStop.MAX_STEPS
     tmesh = fitted.surface.space.mesh

@@ -42,14 +42,14 @@ class Prepared(eqx.Module):
 
 
 class Elimination(eqx.Module):
-    """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, or Levenberg-Marquardt ones.
+    """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, damped where they are too far.
 
-    The damping of Levenberg-Marquardt, one over the step size, acts on the control points only, in proportion to the
-    points each of them sees: damped parameters would no longer leave n nᵀ behind.
+    Damping acts on the control points only, in proportion to the points each of them sees: damped parameters would no
+    longer leave n nᵀ behind. A step of size σ has the damping 1/σ (Levenberg-Marquardt), or 1/σ - 1, none for σ = 1.
     """
 
     problem: FootProblem
-    damped: bool = eqx.field(static=True)
+    always_damped: bool = eqx.field(static=True)
 
     def init(self, y: Unknowns, f_info_struct: Any) -> Prepared:
         """A state of the right shape."""
@@ -61,7 +61,7 @@ class Elimination(eqx.Module):
     def query(self, y: Unknowns, f_info: Any, state: Prepared) -> Prepared:
         """Normal equations at an accepted iterate."""
         system = assemble(self.problem, y)
-        size = jnp.max(jnp.abs(system.gradient) / jnp.maximum(self.problem.mass, _least(self.problem))[:, None])
+        size = jnp.max(jnp.abs(system.gradient) / _mass(self.problem))
         return Prepared(y, system, state.trace.noted(f_info.as_min(), size))
 
     def step(self, step_size: Array, state: Prepared) -> tuple[Unknowns, Any]:
@@ -69,39 +69,62 @@ class Elimination(eqx.Module):
         import optimistix
 
         problem = self.problem
-        damping = trace_of_damping(np.dtype(problem.points.dtype))
-        length = 1.0
-        if self.damped:
-            damping = damping + 1 / jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
-        else:
-            length = step_size
-        mass = jnp.maximum(problem.mass, _least(problem))[:, None]
-        moves = -length * solve(state.system, problem.hold + damping * mass, state.system.gradient)
+        size = jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
+        damping = 1 / size - (0 if self.always_damped else 1)
+        damping = damping + trace_of_damping(np.dtype(problem.points.dtype))
+        moves = -solve(state.system, problem.hold + damping * _mass(problem), state.system.gradient)
         return Unknowns(moves, follow(problem, state.unknowns, moves)), optimistix.RESULTS.successful
 
 
-def _least(problem: FootProblem) -> Array:
-    """Mass of control points that see next to nothing."""
-    return 1e-6 * jnp.mean(problem.mass)
+class Guard(eqx.Module):
+    """optimistix's `AbstractSearch` that takes whole steps and accepts none that raises the objective.
+
+    A step that does is tried again at a tenth of its size; after one that does not the size grows again, to one.
+    Rounding does not count as a rise.
+    """
+
+    def init(self, y: Unknowns, f_info_struct: Any) -> Array:
+        """The first step is a whole one."""
+        return jnp.ones((), y.moves.dtype)
+
+    def step(
+        self, first_step: Array, y: Unknowns, y_eval: Unknowns, f_info: Any, f_eval_info: Any, state: Array
+    ) -> tuple[Array, Array, Any, Array]:
+        """The size of the next step, and whether to accept the last one."""
+        import optimistix
+
+        rounding = 1 + 1e3 * jnp.finfo(state.dtype).eps
+        accept = first_step | (f_eval_info.as_min() <= rounding * f_info.as_min())
+        size = jnp.where(first_step, 1.0, jnp.where(accept, jnp.minimum(10 * state, 1.0), 0.1 * state))
+        return size.astype(state.dtype), accept, optimistix.RESULTS.successful, size.astype(state.dtype)
+
+
+def _mass(problem: FootProblem) -> Float[Array, "n 1"]:
+    """The weight of the points each control point sees, or a little where it sees next to nothing."""
+    return jnp.maximum(problem.mass, 1e-6 * jnp.mean(problem.mass))[:, None]
 
 
 def eliminating(solver: Any, problem: FootProblem) -> Any:
-    """An optimistix solver whose descent is replaced; by default Gauss-Newton.
+    """An optimistix solver whose descent is replaced; by default Gauss-Newton with a guard.
 
     **Raises:** `InputError` for anything but `GaussNewton` and `LevenbergMarquardt`.
     """
     import optimistix as optx
 
+    guarded = solver is None
     if solver is None:
-        tolerance = 1e-9 if problem.points.dtype == np.float64 else 1e-5
+        tolerance = 1e-7 if problem.points.dtype == np.float64 else 1e-4
         solver = optx.GaussNewton(rtol=tolerance, atol=tolerance)
     if not isinstance(solver, optx.GaussNewton | optx.LevenbergMarquardt):
         raise InputError(
             "a solver is optimistix.GaussNewton(rtol, atol) or optimistix.LevenbergMarquardt(rtol, atol); received "
             f"{type(solver).__name__}; leave it out for Gauss-Newton"
         )
-    descent = Elimination(problem, isinstance(solver, optx.LevenbergMarquardt))
-    return eqx.tree_at(lambda one: one.descent, solver, descent, is_leaf=lambda leaf: leaf is solver.descent)
+    parts: tuple[Any, ...] = (Elimination(problem, isinstance(solver, optx.LevenbergMarquardt)),)
+    if guarded:
+        parts = (*parts, Guard())
+        return eqx.tree_at(lambda one: (one.descent, one.search), solver, parts)
+    return eqx.tree_at(lambda one: (one.descent,), solver, parts)
 
 
 def minimise(

@@ -13,15 +13,16 @@ from ..fitting import scaled_lattice
 from ..mesh import b_lattice
 from ..space import SplineSpace, spline_space
 from ..surface import make_surface
-from ._adaptive import Budget, refined, within
+from ._adaptive import Budget, refined
 from ._freedom import degrees_of_freedom
-from ._methods import AbstractMethod, AbstractRobust, Joint
+from ._methods import AbstractMethod, AbstractRobust, Joint, Parametric
 from ._prepare import Request, read_request, smoothing_weight
 from ._result import OrthogonalFit, OrthogonalStep, OrthogonalStop
 from ._round import Fitted, begin, improve
 
 DEFAULT_LATTICE = (3, 3)
 LOOSE_ITERATIONS = 4  # of a step of the adaptive loop: enough to mark by
+NEAR = 4.0  # tolerances within which foot points are trusted
 
 
 def fit_orthogonal(
@@ -114,30 +115,37 @@ def _adaptive(
     """Refine where points are farther than the tolerance, carry the surface over exactly, and fit again."""
     scaled = limit / setting.request.factor
     few = min(LOOSE_ITERATIONS, setting.max_iterations)
-
-    def fitted_from(first: Fitted, iterations: int) -> Fitted:
-        return improve(first, setting.method, setting.robust, setting.smoothing, iterations)
-
-    fitted = fitted_from(begin(setting.request, space, setting.smoothing, setting.robust), few)
-    history = [_step(setting, 0, fitted)]
-    stage = np.inf
+    fitted = _approached(setting, begin(setting.request, space, setting.smoothing, setting.robust), scaled, few)
+    history, stage = [_step(setting, 0, fitted)], np.inf
     while True:
-        if within(fitted, scaled):
-            return fitted, OrthogonalStop.TOLERANCE, tuple(history)
         refinement, stage, stop = refined(fitted, scaled, stage, budget, len(history) - 1)
-        if stage <= 1 or stop is not None:
-            # Before a mesh grows for good, or ends, its fit is taken as far as it goes.
-            settled = fitted_from(fitted, setting.max_iterations)
-            if settled.worst < fitted.worst:
-                fitted = settled
-                history[-1] = _step(setting, len(history) - 1, fitted)
-                if within(fitted, scaled):
-                    return fitted, OrthogonalStop.TOLERANCE, tuple(history)
-                refinement, stage, stop = refined(fitted, scaled, stage, budget, len(history) - 1)
-        if stop is not None or refinement is None:
-            return fitted, stop or OrthogonalStop.FINEST, tuple(history)
-        fitted = fitted_from(fitted.over(refinement, setting.method), few)
+        if refinement is None and not fitted.settled:
+            # Before a mesh is given up, or is the last one, its fit is taken as far as it goes.
+            fitted = _improved(setting, fitted, setting.max_iterations)
+            history[-1] = _step(setting, len(history) - 1, fitted)
+            refinement, stage, stop = refined(fitted, scaled, stage, budget, len(history) - 1)
+        if refinement is None:
+            return fitted, stop, tuple(history)
+        fitted = _approached(setting, fitted.over(refinement), scaled, few)
         history.append(_step(setting, len(history), fitted))
+
+
+def _approached(setting: _Setting, first: Fitted, limit: float, iterations: int) -> Fitted:
+    """A step's fit: over fixed parameters while the surface is far from the points, then by the method.
+
+    Foot points on a surface that is farther away than its radii of curvature crowd together and leave it undetermined.
+    """
+    if not first.near:
+        linear = improve(first, Parametric(), setting.robust, setting.smoothing, 1)
+        if linear.worst > NEAR * limit or isinstance(setting.method, Parametric):
+            return linear
+        first = replace(linear, near=True)
+    return _improved(setting, first, iterations)
+
+
+def _improved(setting: _Setting, first: Fitted, iterations: int) -> Fitted:
+    """The fit by the method, from another one."""
+    return improve(first, setting.method, setting.robust, setting.smoothing, iterations)
 
 
 def _step(setting: _Setting, number: int, fitted: Fitted) -> OrthogonalStep:

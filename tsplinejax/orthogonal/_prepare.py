@@ -14,7 +14,7 @@ from ..surface import TSpline, make_surface, normals
 from ._methods import AbstractFreeMethod
 from ._problem import FootProblem
 
-LEAST_PADDED = 64
+LEAST_PADDED = 256
 BAND = 1 << 15
 
 

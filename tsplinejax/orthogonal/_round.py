@@ -29,6 +29,7 @@ class Fitted:
     - `surface`, `feet`: the T-spline and the projection of all points.
     - `weights`: the caller's times the robust ones; `outliers`: points set aside.
     - `objective`, `gradient`: at each iterate; `settled`: whether they ended by themselves.
+    - `near`: whether the surface has come near enough for foot points to be trusted.
     """
 
     request: Request
@@ -39,6 +40,7 @@ class Fitted:
     objective: Float[np.ndarray, " iterations"]
     gradient: Float[np.ndarray, " iterations"]
     settled: bool
+    near: bool = False
 
     @property
     def counted(self) -> Bool[np.ndarray, " m"]:
@@ -55,9 +57,9 @@ class Fitted:
         """The largest distance that counts."""
         return float(self.gaps[self.counted].max())
 
-    def over(self, tmesh: TMesh, method: AbstractMethod) -> "Fitted":
-        """The same surface over a refined mesh."""
-        return replace(self, surface=transfer(self.surface, tmesh))
+    def over(self, tmesh: TMesh) -> "Fitted":
+        """The same surface over a refined mesh, not yet fitted there."""
+        return replace(self, surface=transfer(self.surface, tmesh), settled=False)
 
 
 def begin(request: Request, space: SplineSpace, smoothing: float, robust: AbstractRobust | None) -> Fitted:

@@ -93,15 +93,8 @@ def _congruent(basis: Float[Array, "e 16 16"], form: Float[Array, "e 16 16"]) ->
 
 def _along(parts: Float[Array, "6 e 16 16"], directions: Float[Array, "e 16 3 r"]) -> Float[Array, "e 16 r 16 r"]:
     """Matrices in space as matrices of moves along each control point's directions."""
-    r = directions.shape[-1]
-    rows = []
-    for a in range(r):
-        half = [
-            sum(directions[:, :, c, a, None] * parts[FULL[c, d]] for c in range(3)) for d in range(3)
-        ]  # (e, 16, 16) for each component d of the column
-        columns = [sum(half[d] * directions[:, None, :, d, b] for d in range(3)) for b in range(r)]
-        rows.append(jnp.stack(columns, axis=-1))
-    return jnp.stack(rows, axis=2)
+    half = jnp.einsum("eica,cdeik->eiakd", directions, parts[FULL], precision="highest")
+    return jnp.einsum("eiakd,ekdb->eiakb", half, directions, precision="highest")
 
 
 def _moments(
