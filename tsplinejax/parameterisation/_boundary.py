@@ -1,20 +1,20 @@
 """The outer boundary of a point cloud, as a loop of points.
 
-A layout in the plane is triangulated (Delaunay). Triangles that are too long in space, for the density of points there, are
-peeled off from outside; long triangles further in close holes and stay. What is left has the outline as its outer loop.
+A layout in the plane is triangulated (Delaunay). Triangles that are too long in space, for the density of points there,
+are peeled off from outside; long triangles further in close holes and stay. What is left has the outline as outer loop.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from .._errors import InputError
-from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_pieces, refuse_torn
-from ._points import cloud_of, direction, duplicates, faces
 from ._delaunay import delaunay
-from ._triangles import Loop, boundary_loops, length_of, pieces, unpinched, vector_area
+from ._layout import flattened, refuse_pieces
+from ._points import cloud_of, direction, duplicates, faces
+from ._triangles import Loop, Triangles, boundary_loops, length_of, pieces, unpinched, vector_area
 
 _LONG = 1.8  # reaches
 
@@ -42,13 +42,10 @@ def find_boundary(data: Any, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours
     points = cloud_of(data).points.astype(np.float64)
     towards = direction(outward)
     first = duplicates(points)[0]
-    near = neighbourhood(points[first], neighbours)
-    piece = np.flatnonzero(main_piece(near.graph))
-    near = Neighbourhood(near.graph[piece][:, piece], near.reach[piece])
-    places = lay_out(points[first[piece]], near)
-    refuse_torn(points[first[piece]], places, near.reach)
-    loop = outline(points[first[piece]], places, near.reach)
-    return outside_left(points, first[piece[loop]], towards)[0]
+    flat = flattened(points[first], neighbours, towards)
+    own = first[flat.kept]
+    outline = outlined(points[own], flat.places, flat.reach)
+    return outside_left(points, own[outline.original[outline.loop]], towards)[0]
 
 
 def outside_left(
@@ -60,19 +57,29 @@ def outside_left(
     return (loop if left else loop[::-1]), warning
 
 
-def outline(points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]) -> Loop:
-    """Return the outer loop of points laid out flat, counter-clockwise there.
+class Outline(NamedTuple):
+    """The triangles of a layout; the point that each of their vertices stands for; the outer loop of vertices."""
+
+    triangles: Triangles
+    original: Int[np.ndarray, " n"]
+    loop: Loop
+
+
+def outlined(
+    points: Float[np.ndarray, "m 3"], places: Float[np.ndarray, "m 2"], reach: Float[np.ndarray, " m"]
+) -> Outline:
+    """Return the triangles between points laid out flat, without those outside, and their outer loop.
 
     **Raises:** `InputError` where what is left after peeling falls into pieces.
     """
     triangles = delaunay(places, lambda triangles: _too_long(points, triangles, reach))
     if not len(triangles):
-        raise InputError("the points are too sparse and uneven to show a boundary; give it as boundary=")
+        raise InputError("the points are too sparse and uneven to show a surface; give its triangles")
     label = pieces(triangles)
     refuse_pieces(np.bincount(label), "triangles")
     triangles, original = unpinched(triangles[label == 0])
-    loops = boundary_loops(triangles)
-    return original[max(loops, key=lambda loop: length_of(places[original], loop))]
+    loop = max(boundary_loops(triangles), key=lambda loop: length_of(places[original], loop))
+    return Outline(triangles, original, loop)
 
 
 def _too_long(

@@ -1,8 +1,8 @@
 """Conformal parameters of a disk-like surface: angles are kept, lengths scaled by the same factor in all directions.
 
-A triangle mesh is solved once, with its holes closed. A bare cloud takes two passes: the point-cloud Laplacian gives rough
-coordinates; their Delaunay triangulation, which closes holes, carries the second solution with the true positions in
-space.
+A triangle mesh is solved once, with its holes closed. A bare cloud takes two passes: Delaunay triangles of a layout give
+rough coordinates, and the Delaunay triangles of these, which are nearly those of the surface, the final ones. Holes are
+closed by the triangles across them.
 """
 
 from typing import Any
@@ -38,25 +38,25 @@ def conformal(
 
     **Arguments:**
 
-    - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count. Triangles are
-      used where there are any. Holes are closed; they need no points.
-    - `corners`: four points of the boundary in order: (s, t) = (0, 0), (1, 0), (1, 1), (0, 1). If they run clockwise seen
-      from outside, the second and the fourth change places. Default: as `find_corners`.
-    - `boundary`: the points of the outer boundary in order; of a mesh, one of its loops. Default: as `find_boundary`, or the
-      longest loop of the mesh.
+    - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count. Triangles
+      are used where there are any. Holes are closed; they need no points.
+    - `corners`: four points of the boundary in order: (s, t) = (0, 0), (1, 0), (1, 1), (0, 1). If they run clockwise
+      seen from outside, the second and the fourth change places. Default: as `find_corners`.
+    - `boundary`: the points of the outer boundary in order; of a mesh, one of its loops. Default: as `find_boundary`,
+      or the longest loop of the mesh.
     - `outward`: direction (x, y, z) out of the material. A mesh says so itself, by its triangles' winding.
     - `neighbours`: how many nearest points show a point's surroundings, in a bare cloud.
-    - `max_points`: above it, this many are solved for, the others interpolated (and triangles are not used).
+    - `max_points`: above it, so many are solved for, the others interpolated (and triangles are not used).
     - `merge_duplicates`: let points that are exactly equal share their parameters, instead of raising.
 
-    **Returns:** a `Parameterisation`; s × t is right-handed towards the outward side. Without `corners` s runs as nearly as
-    possible along +x.
+    **Returns:** a `Parameterisation`; s × t is right-handed towards the outward side. Without `corners` s runs as
+    nearly as possible along +x.
 
-    **Raises:** `InputError` where the data are not one disk (closed, several pieces, branched, all on one line), for equal
-    points, and for corners or a boundary that do not fit; `MissingExtraError` without the extra `mesh`.
+    **Raises:** `InputError` where the data are not one disk (closed, several pieces, branched, all on one line), for
+    equal points, and for corners or a boundary that do not fit.
 
-    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4), with the Laplacians
-    of Sharp & Crane (SGP 2020).
+    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4), solved with linear
+    finite elements.
 
     >>> x, y = np.meshgrid(np.linspace(0, 2, 21), np.linspace(0, 1, 11))
     >>> result = conformal(np.stack([x, y, 0.3 * x * y], axis=-1).reshape(-1, 3))
@@ -115,8 +115,8 @@ def _result(
             )
     if abs(solution.certificate - 1) > _DOUBTFUL:
         warnings.append(
-            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, or the "
-            "corners or the boundary are not what they seem; see corners= and boundary="
+            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, or "
+            "the corners or the boundary are not what they seem; see corners= and boundary="
         )
     area = solution.area * size**2
     ratio = solution.side_ratio

@@ -1,9 +1,9 @@
 """The four corners of a boundary loop.
 
-Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another set
-are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink where
-one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite sides
-are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
+Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another
+set are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink
+where one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite
+sides are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
 """
 
 from itertools import combinations
@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from .._errors import InputError
-from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood
-from ._points import best_turn, cloud_of, duplicates, smallest_box
+from ._layout import flattened
+from ._points import best_turn, cloud_of, direction, duplicates, smallest_box
 from ._triangles import Loop
 
 _WINDOWS, _SHARES = (2, 4), (0.004, 0.06)  # in points, and as a share of the loop
@@ -25,17 +25,20 @@ _MOST = 12
 _NEAR = 0.08  # of the loop's length
 
 
-def find_corners(data: Any, boundary: ArrayLike, *, neighbours: int = 30) -> Int[np.ndarray, "4"]:
+def find_corners(
+    data: Any, boundary: ArrayLike, *, outward: ArrayLike = (0.0, 0.0, 1.0), neighbours: int = 30
+) -> Int[np.ndarray, "4"]:
     """Find the four corners of a boundary.
 
     **Arguments:**
 
     - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count.
     - `boundary`: (b,) indices of points in order, as `find_boundary` returns them.
+    - `outward`: direction (x, y, z) out of the material: the outline as seen from there comes first.
     - `neighbours`: how many nearest points show a point's surroundings.
 
-    **Returns:** (4,) indices of points in the boundary's order. The first is the one from which the first side runs most
-    nearly along +x.
+    **Returns:** (4,) indices of points in the boundary's order. The first is the one from which the first side runs
+    most nearly along +x.
 
     **Raises:** `InputError` for a boundary that is not a loop of points of the cloud.
 
@@ -47,10 +50,9 @@ def find_corners(data: Any, boundary: ArrayLike, *, neighbours: int = 30) -> Int
     points = cloud_of(data).points.astype(np.float64)
     loop = checked_loop(boundary, points)
     first, inverse = duplicates(points)
-    near = neighbourhood(points[first], neighbours)
-    piece = main_piece(near.graph)
+    flat = flattened(points[first], neighbours, direction(outward))
     places = np.full((len(first), 2), np.nan)
-    places[piece] = lay_out(points[first[piece]], Neighbourhood(near.graph[piece][:, piece], near.reach[piece]))
+    places[flat.kept] = flat.places
     if not np.isfinite(places[inverse[loop]]).all():
         raise InputError("the boundary must lie on the largest connected piece of the cloud")
     return loop[corners_of(points[loop], places[inverse[loop]])]
@@ -144,10 +146,10 @@ def _arc(ring: Float[np.ndarray, "b d"]) -> Float[np.ndarray, " b"]:
 def _kinks(
     ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"], share: float
 ) -> tuple[Int[np.ndarray, " c"], Float[np.ndarray, " c"], float]:
-    """Points where the loop turns outwards more sharply than just before and after, by what angle more, and the noise of it.
+    """Points where the loop turns outwards more sharply than just before and after; by what angle more; the noise of it.
 
-    Angles are those in space, between chords of one window, a share of the loop; the layout tells outwards from inwards.
-    A ragged loop turns everywhere: what does not stand out of that is no kink.
+    Angles are those between chords of one window, a share of the loop, in space or in the layout, whichever is more; the
+    layout tells outwards from inwards. A ragged loop turns everywhere: what does not stand out of that is no kink.
     """
     steps = int(np.clip(4 * len(ring), 500, 20_000))
     arc, even = _arc(ring), np.arange(steps) / steps
@@ -156,13 +158,10 @@ def _kinks(
         np.stack([np.interp(even, arc, curve[:, k], period=1.0) for k in range(curve.shape[1])], axis=1)
         for curve in (ring, places)
     )
-    before, after = path - np.roll(path, window, axis=0), np.roll(path, -window, axis=0) - path
-    (ax, ay), (bx, by) = (flat - np.roll(flat, window, axis=0)).T, (np.roll(flat, -window, axis=0) - flat).T
-    before, after = before / _norm(before), after / _norm(after)
-    turn = np.arccos(np.clip((before * after).sum(axis=1), -1, 1)) * np.sign(ax * by - ay * bx) * _winding(places)
-    beside = [np.roll(turn, round(step * window)) for step in (-2.0, -1.5, 1.5, 2.0)]
-    kink = turn - np.mean(beside, axis=0)
-    noise = 1.4826 * float(np.median(np.abs(kink)))
+    (before, after), (coming, going) = _chords(path, window), _chords(flat, window)
+    left = np.sign(coming[:, 0] * going[:, 1] - coming[:, 1] * going[:, 0]) * _winding(places)
+    in_space, in_layout = _excess(left * _angle(before, after), window), _excess(left * _angle(coming, going), window)
+    kink, noise = np.maximum(in_space, in_layout), 1.4826 * float(np.median(np.abs(in_space)))
     around = np.lib.stride_tricks.sliding_window_view(np.pad(kink, window, mode="wrap"), 2 * window + 1)
     peak = np.flatnonzero((kink > _LEAST_KINK) & (kink >= around.max(axis=1)))
     peak = peak[np.argsort(-kink[peak], kind="stable")][:_MOST]
@@ -172,6 +171,21 @@ def _kinks(
     height = np.where(apart <= reach, (before - after)[peak] @ ring.T, -np.inf)
     found, which = np.unique(height.argmax(axis=1), return_index=True)
     return found, kink[peak][which], noise
+
+
+def _chords(path: Float[np.ndarray, "n d"], window: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions over one window before and after each step of a closed path."""
+    before, after = path - np.roll(path, window, axis=0), np.roll(path, -window, axis=0) - path
+    return before / _norm(before), after / _norm(after)
+
+
+def _angle(one: Float[np.ndarray, "n d"], other: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+    return np.arccos(np.clip((one * other).sum(axis=1), -1, 1))
+
+
+def _excess(turn: Float[np.ndarray, " n"], window: int) -> Float[np.ndarray, " n"]:
+    """How much more a path turns than beside: a kink shows within one window, so beside is further off than that."""
+    return turn - np.mean([np.roll(turn, round(step * window)) for step in (-2.0, -1.5, 1.5, 2.0)], axis=0)
 
 
 def _apart(arc: Float[np.ndarray, " b"], places: Float[np.ndarray, " c"]) -> Float[np.ndarray, "c b"]:

@@ -1,11 +1,12 @@
 """Harmonic coordinates of a disk with four corners, and what they say about conformality.
 
-u solves Laplace's equation with 0 and 1 on two opposite sides and natural conditions on the others, v the other way round.
-With Dirichlet energies E_u and E_v, h = √(E_u / E_v) is the side ratio and (u, h v) the map to a rectangle; it is conformal
-if and only if E_u · E_v = 1, which is at least 1 for exact solutions of either problem: E_u is the inverse of the extremal
-distance of its sides (Ahlfors, *Conformal Invariants*, 1973, chapter 4).
+u solves Laplace's equation with 0 and 1 on two opposite sides and natural conditions on the others, v the other way
+round. With Dirichlet energies E_u and E_v, h = √(E_u / E_v) is the side ratio and (u, h v) the map to a rectangle. Of the
+exact solutions E_u · E_v = 1 (each energy is the inverse of the extremal distance between its sides: Ahlfors, *Conformal
+Invariants*, 1973, chapter 4). Finite elements overestimate either, so the product tells from above how far they are off.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +14,10 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from .._errors import require
 from ._result import Dilatation
 from ._triangles import Loop, Triangles
 
-
+_INSIDE = 1e-6
 _FLATTEST = 1e-9  # area of a triangle, as a share of the mean, below which it counts as one of that area
 
 
@@ -33,17 +33,8 @@ class Harmonic(NamedTuple):
         return float(np.sqrt(self.energies[0] / self.energies[1]))
 
 
-def cloud_laplacian(points: Float[np.ndarray, "m 3"], neighbours: int) -> sparse.csc_matrix:
-    """The Laplacian of a bare point cloud, positive semi-definite.
-
-    Sharp & Crane, "A Laplacian for nonmanifold triangle meshes", SGP 2020.
-    """
-    library = require("robust_laplacian", "mesh")
-    return library.point_cloud_laplacian(points, n_neighbors=min(neighbours, len(points) - 1))[0]
-
-
 def _elements(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.ndarray, "k 3 3"]:
-    """Dirichlet energies of pairs of linear hat functions on each triangle: eₐ · e_b / 4A, with the opposite edges e."""
+    """Dirichlet energies of pairs of linear hat functions on each triangle: eₐ · e_b / 4A with the opposite edges."""
     corners = points[triangles]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     area = areas(points, triangles)
@@ -63,7 +54,7 @@ def areas(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.nd
 def mesh_laplacian(points: Float[np.ndarray, "n 3"], triangles: Triangles) -> sparse.csc_matrix:
     """The Laplacian of linear finite elements on a triangle mesh, positive semi-definite (cotangent weights).
 
-    Not the intrinsic Delaunay one: on a ragged boundary its flips would let the solution leak through the sides.
+    Not those of intrinsic Delaunay triangles: on a ragged boundary their flips let the solution leak through the sides.
     """
     rows, columns = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel()
     values = _elements(points, triangles).ravel()
@@ -82,7 +73,7 @@ def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np
     ring = np.roll(loop, -corners[0])
     ends = np.append((corners - corners[0]) % len(loop), len(loop))
     ring = np.append(ring, ring[0])
-    bottom, right, top, left = (ring[start : stop + 1] for start, stop in zip(ends[:-1], ends[1:], strict=True))
+    bottom, right, top, left = (ring[start : stop + 1] for start, stop in pairwise(ends))
     solved = [_dirichlet(laplacian, zero, one) for zero, one in ((left, right), (bottom, top))]
     energies = [float(values @ (laplacian @ values)) for values in solved]
     return Harmonic(np.stack(solved, axis=1), (energies[0], energies[1]))
@@ -101,16 +92,17 @@ def _dirichlet(laplacian: sparse.csc_matrix, zero: Loop, one: Loop) -> Float[np.
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        values[free] = factor.solve(-(rows @ values))
-    return np.clip(values, 0.0, 1.0)
+        # Obtuse triangles may overshoot; what is not on a side must not fall on it.
+        values[free] = np.clip(factor.solve(-(rows @ values)), _INSIDE, 1.0 - _INSIDE)
+    return values
 
 
 def dilatation(points: Float[np.ndarray, "n 3"], triangles: Triangles, plane: Float[np.ndarray, "n 2"]) -> Dilatation:
     """Return how far the map from a plane to a mesh is from a similarity.
 
     At every vertex the products ∇x · ∇x, ∇x · ∇y, ∇y · ∇y of the plane's coordinates, averaged over the area of the
-    triangles around it; the dilatation is the ratio of the map's singular values there. (A single triangle shows how the
-    scale changes across it, too, as if that were a distortion.)
+    triangles around it; the dilatation is the ratio of the map's singular values there. (A single triangle would show how
+    the scale changes across it, too, as if that were a distortion.)
 
     **Arguments:**
 

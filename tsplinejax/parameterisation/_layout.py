@@ -1,14 +1,15 @@
 """Lay a point cloud out flat, roughly: enough to see its outline.
 
-The least-squares plane serves where the points project onto it without folds; else classical scaling of geodesic
-distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using landmark points", 2004), which
-unrolls what is bent. A layout is judged by its tears: places whose neighbours there are far away in space.
+The view from outside or the least-squares plane serves where the points project onto it without folds; else classical
+scaling of geodesic distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using landmark
+points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are far away
+in space.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
@@ -45,15 +46,29 @@ def neighbourhood(points: Float[np.ndarray, "m 3"], neighbours: int) -> Neighbou
     return Neighbourhood(graph.maximum(graph.T).tocsr(), distances[:, min(near, _REACH)])
 
 
-def main_piece(graph: sparse.csr_matrix) -> Bool[np.ndarray, " m"]:
-    """Return which points belong to the largest connected piece; the others are debris.
+class Layout(NamedTuple):
+    """The points of the largest connected piece, by index; their places in the plane, and their reach."""
 
-    **Raises:** `InputError` where debris are more than 2 % of the points.
+    kept: Int[np.ndarray, " k"]
+    places: Float[np.ndarray, "k 2"]
+    reach: Float[np.ndarray, " k"]
+
+
+def flattened(points: Float[np.ndarray, "m 3"], neighbours: int, outward: Float[np.ndarray, "3"]) -> Layout:
+    """Lay the largest connected piece of a cloud out flat.
+
+    **Raises:** `InputError` where other pieces hold more than 2 % of the points, and where neighbours tear apart.
     """
-    count, label = connected_components(graph, directed=False)
+    near = neighbourhood(points, neighbours)
+    count, label = connected_components(near.graph, directed=False)
     sizes = np.bincount(label)
     refuse_pieces(sizes, "points")
-    return label == int(np.argmax(sizes)) if count > 1 else np.ones(len(label), bool)
+    kept = np.flatnonzero(label == int(np.argmax(sizes)))
+    if count > 1:
+        near = Neighbourhood(near.graph[kept][:, kept], near.reach[kept])
+    places = lay_out(points[kept], near, outward)
+    refuse_torn(points[kept], places, near.reach)
+    return Layout(kept, places, near.reach)
 
 
 def refuse_pieces(sizes: Int[np.ndarray, " n"], what: str) -> None:
@@ -68,12 +83,18 @@ def refuse_pieces(sizes: Int[np.ndarray, " n"], what: str) -> None:
     )
 
 
-def lay_out(points: Float[np.ndarray, "m 3"], near: Neighbourhood) -> Float[np.ndarray, "m 2"]:
-    """Return places in the plane, in the unit of the points, that keep neighbours together where that can be done."""
+def lay_out(
+    points: Float[np.ndarray, "m 3"], near: Neighbourhood, outward: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "m 2"]:
+    """Return places in the plane, in the unit of the points, that keep neighbours together where that can be done.
+
+    Tried in turn: the view from outside, the least-squares plane, geodesic distances.
+    """
     centred = points - points.mean(axis=0)
-    plane = centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
-    if _lies_open(centred, plane, near):
-        return plane
+    for normal in (outward, np.linalg.svd(centred, full_matrices=False)[2][2]):
+        plane = centred @ np.linalg.svd(normal[None])[2][1:].T
+        if _lies_open(centred, plane, near):
+            return plane
     return _scaled(_landmark_distances(centred, near.graph))
 
 

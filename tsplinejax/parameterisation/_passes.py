@@ -7,18 +7,20 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from .._errors import InputError
-from ._boundary import outline, outside_left
+from ._boundary import outlined, outside_left
 from ._corners import corners_of, placed_corners
 from ._delaunay import delaunay
 from ._graded import graded
-from ._harmonic import areas, cloud_laplacian, dilatation, harmonic_rectangle, mesh_laplacian
-from ._layout import Neighbourhood, lay_out, main_piece, neighbourhood, refuse_torn
+from ._harmonic import areas, dilatation, harmonic_rectangle, mesh_laplacian
+from ._layout import Neighbourhood, flattened, lay_out, refuse_torn
 from ._result import Dilatation
-from ._sheet import sheet_of
+from ._sheet import Sheet, sheet_of
+from ._smooth import smoothed
 from ._thin import thinned
-from ._triangles import Loop, Triangles, boundary_loops, half_edges
+from ._triangles import Loop, Triangles, boundary_loops, half_edges, used_vertices, vector_area
 
 _FEWEST = 12
+_MESH_REACH = 2.0  # in a vertex's longest edge
 
 
 class Task(NamedTuple):
@@ -53,7 +55,7 @@ def of_mesh(task: Task, triangles: Triangles) -> Solution:
     if task.corners is not None:
         corners = placed_corners(task.corners, ring, task.points)
     else:
-        corners = corners_of(sheet.vertices[sheet.loop], _mesh_layout(sheet.vertices, sheet.triangles)[sheet.loop])
+        corners = corners_of(sheet.vertices[sheet.loop], _mesh_layout(sheet)[sheet.loop])
     warnings = () if not sheet.holes else (f"{sheet.holes} hole{'s' * (sheet.holes > 1)} of the mesh closed",)
     solution = _on_mesh(sheet.vertices, sheet.triangles, sheet.loop, sheet.loop[corners])
     own = len(sheet.original)
@@ -62,12 +64,14 @@ def of_mesh(task: Task, triangles: Triangles) -> Solution:
     )
 
 
-def _mesh_layout(vertices: Float[np.ndarray, "n 3"], triangles: Triangles) -> Float[np.ndarray, "n 2"]:
-    edges = half_edges(triangles)
-    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    graph = sparse.csr_matrix((lengths, (edges[:, 0], edges[:, 1])), (len(vertices), len(vertices)))
+def _mesh_layout(sheet: Sheet) -> Float[np.ndarray, "n 2"]:
+    count = len(sheet.vertices)
+    start, end = half_edges(sheet.triangles).T
+    lengths = np.linalg.norm(sheet.vertices[start] - sheet.vertices[end], axis=1)
+    graph = sparse.csr_matrix((lengths, (start, end)), (count, count))
     graph = graph.maximum(graph.T).tocsr()
-    return lay_out(vertices, Neighbourhood(graph, 2 * graph.max(axis=1).toarray().ravel()))
+    near = Neighbourhood(graph, _MESH_REACH * graph.max(axis=1).toarray().ravel())
+    return lay_out(sheet.vertices, near, vector_area(sheet.vertices, sheet.loop))
 
 
 def of_cloud(task: Task, max_points: int) -> Solution:
@@ -77,25 +81,28 @@ def of_cloud(task: Task, max_points: int) -> Solution:
             f"a cloud without triangles needs at least {_FEWEST} different points, but got {len(task.distinct)}"
         )
     names = _kept(task, max_points)
-    near = neighbourhood(task.points[names], task.neighbours)
-    piece = main_piece(near.graph)
     warnings = [f"{len(task.distinct)} points thinned out to {len(names)}"] if len(names) < len(task.distinct) else []
-    if not piece.all():
-        warnings.append(f"{int((~piece).sum())} points lie apart from the surface; their parameters are interpolated")
-        near = Neighbourhood(near.graph[piece][:, piece], near.reach[piece])
-        names = names[piece]
+    flat = flattened(task.points[names], task.neighbours, task.outward)
+    names = names[flat.kept]
+    outline = outlined(task.points[names], flat.places, flat.reach)
+    names, places = names[outline.original], flat.places[outline.original]
     points = task.points[names]
-    loop, corners, warning = _frame_of_cloud(task, names, points, near)
+    loop, warning = outside_left(points, _given_loop(task, names, outline.loop), task.outward)
     warnings += [warning] if warning else []
-    rough = harmonic_rectangle(cloud_laplacian(points, task.neighbours), loop, corners)
+    if task.corners is None:
+        corners = corners_of(points[loop], places[loop])
+    else:
+        corners = placed_corners(task.corners, names[loop], task.points)
+    surface = smoothed(points, places, task.neighbours)
+    rough = harmonic_rectangle(mesh_laplacian(surface, outline.triangles), loop, corners)
     plane = rough.coordinates * [1.0, rough.side_ratio]
-    refuse_torn(points, plane, near.reach)
+    refuse_torn(points, plane, flat.reach[outline.original])
     triangles = delaunay(plane)
-    used = np.zeros(len(plane), bool)
-    used[triangles] = True
+    used = used_vertices(triangles, len(plane))
     number = np.cumsum(used) - 1
     ring = max(boundary_loops(number[triangles]), key=len)
-    solution = _on_mesh(points[used], number[triangles], ring, number[loop[corners]])
+    surface = smoothed(points, plane, task.neighbours)
+    solution = _on_mesh(surface[used], number[triangles], ring, number[loop[corners]])
     boundary = names[np.roll(loop, -corners[0])]
     return Solution(names[used], *solution[:1], boundary, names[loop[corners]], *solution[1:], tuple(warnings))
 
@@ -110,25 +117,17 @@ def _kept(task: Task, max_points: int) -> Int[np.ndarray, " k"]:
     return np.unique(np.concatenate([chosen, *given]))
 
 
-def _frame_of_cloud(
-    task: Task, names: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"], near: Neighbourhood
-) -> tuple[Loop, Int[np.ndarray, "4"], str | None]:
-    """The loop, in indices of `points`, counter-clockwise seen from outside, and the corners' places in it."""
-    known = task.boundary is not None and task.corners is not None
-    places = np.zeros((len(points), 2)) if known else lay_out(points, near)
+def _given_loop(task: Task, names: Int[np.ndarray, " n"], found: Loop) -> Loop:
+    """The boundary that was given, as vertices, or the one that was found."""
     if task.boundary is None:
-        refuse_torn(points, places, near.reach)
-        loop = outline(points, places, near.reach)
-    else:
-        place = np.full(len(task.points), -1)
-        place[names] = np.arange(len(names))
-        loop = place[task.boundary]
-        if (loop < 0).any():
-            raise InputError("the boundary must lie on the largest connected piece of the cloud")
-    loop, warning = outside_left(points, loop, task.outward)
-    if task.corners is None:
-        return loop, corners_of(points[loop], places[loop]), warning
-    return loop, placed_corners(task.corners, names[loop], task.points), warning
+        return found
+    place = np.full(len(task.points), -1)
+    place[names] = np.arange(len(names))
+    loop = place[task.boundary]
+    if (loop < 0).any():
+        apart = task.boundary[loop < 0][0]
+        raise InputError(f"the boundary must lie on the surface, but its point {apart} lies apart from all others")
+    return loop
 
 
 def _on_mesh(

@@ -16,8 +16,8 @@ def planar(data: Any, *, axes: Literal["xy", "plane"] = "xy", outward: ArrayLike
     **Arguments:**
 
     - `data`: a `PointCloud`, an (m, 3) array of points, or a `HeightMap`, of which the valid pixels count.
-    - `axes`: `"xy"`: s along x and t along y. `"plane"`: the least-squares plane; the rectangle is the smallest one around
-      the points, s runs along its side nearest to +x, and s × t looks to the outward side.
+    - `axes`: `"xy"`: s along x and t along y. `"plane"`: the least-squares plane; the rectangle is the smallest one
+      around the points, s runs along its side nearest to +x, and s × t looks to the outward side.
     - `outward`: direction (x, y, z) out of the material; only `"plane"` uses it.
 
     **Raises:** `InputError` for points on one line, in space or seen along z (`"xy"`), and for unknown axes.

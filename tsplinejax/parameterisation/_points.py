@@ -1,4 +1,4 @@
-"""What every parameterisation asks of its points, and the conventions they share: outward side and the names of axes."""
+"""What every parameterisation asks of its points, and the conventions they share: outward side, names of axes."""
 
 from typing import Any
 
@@ -67,8 +67,8 @@ def faces(normal: Float[np.ndarray, "3"], outward: Float[np.ndarray, "3"]) -> tu
     if abs(cosine) < 0.1:
         angle = np.degrees(np.arccos(min(abs(cosine), 1.0)))
         warning = (
-            f"the surface is seen nearly edge-on from outward={tuple(np.round(outward, 3).tolist())} ({angle:.0f}° off its "
-            "mean normal), so its outward side is uncertain; state outward="
+            f"the surface is seen nearly edge-on from outward={tuple(np.round(outward, 3).tolist())} ({angle:.0f}° off "
+            "its mean normal), so its outward side is uncertain; state outward="
         )
     return cosine >= 0, warning
 

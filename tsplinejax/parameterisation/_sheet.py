@@ -75,6 +75,6 @@ def _loop_of(boundary: Loop, loops: list[Loop]) -> int:
         if np.array_equal(np.unique(loop), np.sort(boundary)):
             return k
     raise InputError(
-        f"the boundary of a mesh is one of its {len(loops)} loops of free edges, but the {len(boundary)} points given are "
-        "none; drop the triangles beyond them, or pass the points without triangles"
+        f"the boundary of a mesh is one of its {len(loops)} loops of free edges, but the {len(boundary)} points given "
+        "are none; drop the triangles beyond them, or pass the points without triangles"
     )

@@ -1,7 +1,7 @@
 """The topology of triangle meshes: pieces, winding, loops, holes.
 
-Triangles are (k, 3) indices of vertices; the half-edge at place j of triangle i runs from its corner j to the next one and
-has number 3 i + j. Everything is array work: connected components of sparse graphs stand where one would walk.
+Triangles are (k, 3) indices of vertices; the half-edge at place j of triangle i runs from its corner j to the next one
+and has number 3 i + j. Everything is array work: connected components of sparse graphs stand where one would walk.
 """
 
 import numpy as np
