@@ -1,9 +1,9 @@
 """Areal parameters beside two peers', what missing pixels do to them, and how long 10⁷ pixels take.
 
-Peers: the difference from surfalize's value on complete maps, and the largest from SurfaceTopography's. Bias: the change
-of each parameter when a fifth of a surface is hidden: pixels at random, or the steepest ones, as an optical instrument
-loses flanks. Both in % of the value; in thousandths for Ssk, Sku and Str, in degrees for Std; nothing where one of the two
-is not defined or the value is zero. Hiding starts from surfaces that are known everywhere.
+Peers: the difference from surfalize's value on complete maps, and the largest from SurfaceTopography's. Bias: the
+change of each parameter when a fifth of a surface is hidden: pixels at random, or the steepest ones, as an optical
+instrument loses flanks. Both in % of the value; in thousandths for Ssk, Sku and Str, in degrees for Std; nothing where
+one of the two is not defined or the value is zero.
 
 surfalize (GPL-3) is no dependency of this project, and without it its columns are empty. To compare, install it beside:
 `pip install --target DIRECTORY surfalize`, then run with DIRECTORY appended to PYTHONPATH.
@@ -114,7 +114,7 @@ def change(name: str, value: float, reference: float) -> float | None:
 
 
 def peer_columns(complete: dict[str, tuple[HeightMap, dict[str, float]]]) -> dict[str, dict[str, float | None]]:
-    """Columns of the peers' table: the difference from surfalize on each surface, the largest from SurfaceTopography."""
+    """Columns of the peers' table: from surfalize on each surface, the largest from SurfaceTopography."""
     columns = {name: changes(ours, surfalize_values(surface)) for name, (surface, ours) in complete.items()}
     if not any(columns.values()):
         print("surfalize is not installed: its columns are empty; the script's first lines say how to install it")
