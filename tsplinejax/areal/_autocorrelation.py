@@ -1,5 +1,7 @@
 """The autocorrelation of a map with missing pixels, by fast Fourier transforms, without wrapping round."""
 
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,7 +14,7 @@ _PAIRS = 0.05
 def autocorrelation(samples: Measured) -> Float[Array, "lags_y lags_x"]:
     """Normalised autocorrelation at all lags up to half the map, lag zero in the middle; symmetric.
 
-    f(τ) = [Σ w w' z z' / Σ w w'] / [Σ w z² / Σ w] over the pairs of pixels that are τ apart; NaN where there are too few.
+    f(τ) = [Σ w w' z z' / Σ w w'] / [Σ w z² / Σ w] over the pairs of pixels that are τ apart; NaN where too few are.
 
     **Arguments:**
 
@@ -35,7 +37,7 @@ def _correlated(values: Float[Array, "rows columns"], reach: tuple[int, ...]) ->
     from scipy.fft import next_fast_len
 
     # Lags wrap round only beyond the reach.
-    shape = tuple(next_fast_len(size + most, real=True) for size, most in zip(values.shape, reach, strict=True))
+    shape: Any = tuple(next_fast_len(size + most, real=True) for size, most in zip(values.shape, reach, strict=True))
     spectrum = jnp.fft.rfft2(values, s=shape)
     sums = jnp.fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=shape)
     for axis, most in enumerate(reach):

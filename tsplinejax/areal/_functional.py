@@ -15,9 +15,11 @@ from jaxtyping import Array, ArrayLike, Float
 from .._errors import InputError
 from ._measured import checked, measured, ratio
 
-#: The central region's share of the material ratio (ISO 25178-2:2021; ISO 13565-2), and the places tried for its start.
+#: The central region's share of the material ratio (ISO 25178-2:2021; ISO 13565-2), the places tried for its start,
+#: and how much two drops may differ and count as equal: by what sampling does to a symmetric curve.
 _CORE = 0.4
 _STARTS = (1 << 14) + 1
+_EQUAL = 1e-4
 
 
 class FunctionalParameters(NamedTuple):
@@ -66,9 +68,9 @@ def functional_parameters(
 ) -> FunctionalParameters:
     """Parameters of the material ratio curve of a map or of scattered samples.
 
-    The core is the least-squares line over the 40 % of the curve whose secant falls least, the first of equals. Sk is its
-    drop from 0 to 100 %, Smr1 and Smr2 are the ratios at its ends, Spk and Svk the heights of the triangles with the
-    areas of what stands out above and below (ISO 25178-2:2021, 4.5, where Smr1 and Smr2 are called Smrk1 and Smrk2). With
+    The core is the least-squares line over the 40 % of the curve whose secant falls least, the first of equals. Sk is
+    its drop from 0 to 100 %, Smr1 and Smr2 are the ratios at its ends, Spk and Svk the heights of the triangles with
+    the areas of what stands out above and below (ISO 25178-2:2021, 4.5; there they are Smrk1 and Smrk2). With
     Vm(p) the material above the height at ratio p and Vv(p) the void below it, each per area: Vmp = Vm(10 %),
     Vmc = Vm(80 %) - Vm(10 %), Vvc = Vv(10 %) - Vv(80 %), Vvv = Vv(80 %).
 
@@ -103,7 +105,9 @@ def _functional_parameters(
     samples = measured(heights, weights)
     curve = _curve(samples.heights.ravel(), samples.weights.ravel(), equal=weights is None)
     top, bottom = _core(curve)
-    above, below = curve.ratio_at(top), curve.ratio_at(bottom)
+    # The core is the smallest that holds its ends: a plateau at one of them is inside, whatever the line's rounding.
+    rounding = 64 * jnp.finfo(curve.heights.dtype).eps
+    above, below = curve.ratio_at(top + rounding), curve.ratio_at(bottom - rounding)
     peak, valley = curve.height_at(volume_ratios / 100)
     scale = samples.scale + jnp.where(jnp.any(samples.present), 0.0, jnp.nan)
     percent = 100 * scale / samples.scale
@@ -139,9 +143,7 @@ def _curve(heights: Array, weights: Array, *, equal: bool) -> _Curve:
 
 def _core(curve: _Curve) -> tuple[Array, Array]:
     """Heights of the equivalent straight line at the ratios 0 and 1."""
-    starts = jnp.linspace(0, 1 - _CORE, _STARTS, dtype=curve.heights.dtype)
-    held = _Curve(*map(stop_gradient, curve))
-    first = starts[jnp.argmin(held.height_at(starts) - held.height_at(starts + _CORE))]
+    first = _central_region(_Curve(*map(stop_gradient, curve)))
     start, end = (jnp.clip(side, first, first + _CORE) for side in (curve.start, curve.end))
     middle = first + _CORE / 2
     share = (end - start) / _CORE
@@ -149,3 +151,14 @@ def _core(curve: _Curve) -> tuple[Array, Array]:
     # The least-squares line of a function over an interval of length c has the slope 12 / c³ ∫ z(p) (p - middle) dp.
     slope = 12 / _CORE**2 * jnp.sum(share * ((start + end) / 2 - middle) * curve.heights)
     return mean - slope * middle, mean + slope * (1 - middle)
+
+
+def _central_region(curve: _Curve) -> Array:
+    """Where the 40 % begin whose secant falls least; of equal minima the first (ISO 13565-2:1996)."""
+    starts = jnp.linspace(0, 1 - _CORE, _STARTS, dtype=curve.heights.dtype)
+    drops = curve.height_at(starts) - curve.height_at(starts + _CORE)
+    least = drops <= (1 + _EQUAL) * jnp.min(drops)
+    places = jnp.arange(_STARTS)
+    beyond = ~least & (places > jnp.argmax(least))
+    end = jnp.where(jnp.any(beyond), jnp.argmax(beyond), _STARTS)
+    return starts[jnp.argmin(jnp.where(places < end, drops, jnp.inf))]

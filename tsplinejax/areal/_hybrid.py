@@ -43,8 +43,8 @@ def hybrid_parameters(
     - `weights`: (rows, columns), not negative.
     - `stencil`: `"differences"` of neighbours: Sdq from all pairs, Sdr from the four triangles at the corners of each
       cell of 2 × 2 pixels (ISO 25178-2:2021, Annex D). Of a shallow wave of length λ this misses the part
-      (π dx / λ)² / 3 in Sdr and half of that in Sdq. `"seven-point"` is of sixth order (ISO 4287:1997, 3.2.9), but needs
-      three pixels on all four sides and so leaves out more around missing ones.
+      (π dx / λ)² / 3 in Sdr and half of that in Sdq. `"seven-point"` is of sixth order (ISO 4287:1997, 3.2.9), but
+      needs three pixels on all four sides and so leaves out more around missing ones.
 
     **Returns:** `HybridParameters`, NaN where no stencil is complete. Differentiable; works under `jit` and `vmap`.
 
@@ -58,7 +58,7 @@ def hybrid_parameters(
     if stencil not in get_args(Stencil):
         raise InputError(f"stencil is one of {', '.join(map(repr, get_args(Stencil)))}, but got {stencil!r}")
     array, chosen = checked(heights, weights, dimensions=(2,))
-    return _hybrid_parameters(array, tuple(spacing), chosen, stencil=stencil)
+    return _hybrid_parameters(array, spacing, chosen, stencil=stencil)
 
 
 @partial(jax.jit, static_argnames="stencil")

@@ -30,8 +30,8 @@ class ArealParameters:
     - `units`: name → unit of the number, `"%"`, `"°"`, or `None` where it has none or the data's is unknown.
     - `notes`: the choices behind the numbers, and for each that is NaN the reason.
 
-    Height: Sq, Sa, Sz, Sp, Sv, Ssk, Sku. Hybrid: Sdq, Sdr. Spatial: Sal, Str, Std. Functional: Sk, Spk, Svk, Smr1, Smr2,
-    Smr, Smc. Volumes per area: Vmp, Vmc, Vvc, Vvv.
+    Height: Sq, Sa, Sz, Sp, Sv, Ssk, Sku. Hybrid: Sdq, Sdr. Spatial: Sal, Str, Std. Functional: Sk, Spk, Svk, Smr1,
+    Smr2, Smr, Smc. Volumes per area: Vmp, Vmc, Vvc, Vvv.
     """
 
     Sq: float

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, ArrayLike, Float
 
@@ -20,6 +21,9 @@ from ._measured import checked, measured
 
 #: Rays over half a turn, how many of the refined ones lie on each side of the best, and how often it is refined.
 _RAYS, _FINER, _ROUNDS = 720, 8, 2
+#: The pixels about a place, by which a picture is interpolated, and how far each is from each.
+_NODES = np.arange(-2, 4)
+_APART = _NODES[:, None] - _NODES
 
 
 class SpatialParameters(NamedTuple):
@@ -67,7 +71,7 @@ def spatial_parameters(
     if not 0 < threshold < 1:
         raise InputError(f"the threshold of the autocorrelation lies between 0 and 1, but got {threshold}")
     array, chosen = checked(heights, weights, dimensions=(2,))
-    return _spatial_parameters(array, tuple(spacing), chosen, threshold)
+    return _spatial_parameters(array, spacing, chosen, threshold)
 
 
 @jax.jit
@@ -76,10 +80,14 @@ def _spatial_parameters(
 ) -> SpatialParameters:
     correlation = autocorrelation(measured(heights, weights))
     held = stop_gradient(correlation)
-    lengths = jax.vmap(partial(_length, held, spacing, threshold))(_directions(heights.dtype))
-    refined = partial(_best_direction, partial(_length, held, spacing, threshold))
-    shortest = _length(correlation, spacing, threshold, refined(lengths, -1.0))
-    longest = _length(correlation, spacing, threshold, refined(lengths, 1.0))
+    length = partial(_length, held, spacing, threshold)
+    lengths = jax.vmap(length)(_directions(heights.dtype))
+
+    def extreme(sign: Array) -> Array:
+        angle = _best_direction(lambda angle: sign * length(angle), sign * lengths)
+        return _length(correlation, spacing, threshold, angle)
+
+    shortest, longest = jax.vmap(extreme)(jnp.array([-1, 1]))
     reached = jnp.all(jnp.isfinite(lengths)) & jnp.isfinite(longest)
     return SpatialParameters(
         Sal=jnp.where(jnp.isfinite(shortest), shortest, jnp.nan),
@@ -92,14 +100,18 @@ def _directions(dtype: jnp.dtype) -> Array:
     return jnp.pi / _RAYS * jnp.arange(_RAYS, dtype=dtype)
 
 
-def _best_direction(value_of: Callable[[Array], Array], values: Array, sign: float) -> Array:
-    """The direction with the largest (sign 1) or smallest (-1) value: the best of all rays, refined about it."""
-    angles, width = _directions(values.dtype), jnp.pi / _RAYS
-    for _ in range(_ROUNDS):
-        best = angles[jnp.argmax(sign * values)]
-        angles = best + width * jnp.linspace(-1, 1, 2 * _FINER + 1, dtype=values.dtype)
-        values, width = jax.vmap(value_of)(angles), width / _FINER
-    return angles[jnp.argmax(sign * values)]
+def _best_direction(value_of: Callable[[Array], Array], values: Array) -> Array:
+    """The direction with the largest value: the best of all rays, refined about it; `values` are those of the rays."""
+    angles = _directions(values.dtype)
+    best = angles[jnp.argmax(values)]
+    offsets = jnp.linspace(-1, 1, 2 * _FINER + 1, dtype=values.dtype)
+
+    def refined(best: Array, width: Array) -> tuple[Array, None]:
+        nearby = best + width * offsets
+        return nearby[jnp.argmax(jax.vmap(value_of)(nearby))], None
+
+    widths = angles[1] / _FINER ** jnp.arange(_ROUNDS, dtype=values.dtype)
+    return jax.lax.scan(refined, best, widths)[0]
 
 
 def _length(
@@ -136,7 +148,7 @@ def _lay(correlation: Float[Array, "lags_y lags_x"], spacing: tuple[Array, Array
         return pitch**2 * jnp.sum(places * jnp.where(within, _along(power, step * places[:, None]), 0))
 
     values = jax.vmap(summed)(_directions(correlation.dtype))
-    across = jnp.degrees(_best_direction(summed, values, 1.0))
+    across = jnp.degrees(_best_direction(summed, values))
     return jnp.where(jnp.all(jnp.isnan(correlation)), jnp.nan, (across + 90) % 180)
 
 
@@ -148,23 +160,25 @@ def _half_pixel(spacing: tuple[Array, Array], angle: Array) -> tuple[Array, Arra
 
 
 def _along(picture: Float[Array, "rows columns"], steps: Float[Array, "m 2"]) -> Float[Array, " m"]:
-    """The picture at places (down, right) from its middle by cubic convolution (Keys 1981), NaN beyond."""
+    """The picture at places (down, right) from its middle, NaN beyond.
+
+    Polynomials of fifth degree through 6 × 6 pixels, kept between the four that surround the place: where those lie
+    above a threshold, so does what is between them, however sharp the peak of noise at lag zero.
+    """
     rows, columns = picture.shape
     place = steps + jnp.array([rows // 2, columns // 2], steps.dtype)
     corner = jnp.floor(place)
-    down, right = (_keys(part) for part in (place - corner).T)
     row, column = corner.astype(int).T
-    inside = (row >= 1) & (row < rows - 2) & (column >= 1) & (column < columns - 2)
-    row, column = (jnp.where(inside, index, 1) for index in (row, column))
-    total = sum(down[i] * right[j] * picture[row + i - 1, column + j - 1] for i in range(4) for j in range(4))
-    return jnp.where(inside, total, jnp.nan)
+    inside = (row >= 2) & (row < rows - 3) & (column >= 2) & (column < columns - 3)
+    row, column = (jnp.where(inside, index, 2)[:, None, None] for index in (row, column))
+    values = picture[row + _NODES[:, None], column + _NODES]
+    down, right = (_polynomials(part) for part in (place - corner).T)
+    value = jnp.sum(down[:, :, None] * right[:, None, :] * values, axis=(1, 2))
+    around = values[:, 2:4, 2:4]
+    return jnp.where(inside, jnp.clip(value, jnp.min(around, axis=(1, 2)), jnp.max(around, axis=(1, 2))), jnp.nan)
 
 
-def _keys(t: Array) -> tuple[Array, Array, Array, Array]:
-    """Weights of the four neighbours of a place t of the way from the second to the third."""
-    return (
-        ((2 - t) * t - 1) * t / 2,
-        ((3 * t - 5) * t * t + 2) / 2,
-        ((4 - 3 * t) * t + 1) * t / 2,
-        (t - 1) * t * t / 2,
-    )
+def _polynomials(t: Float[Array, " m"]) -> Float[Array, "m 6"]:
+    """Lagrange's polynomials of the nodes about a place t of the way from the third to the fourth."""
+    factors = (t[:, None, None] - _NODES) / np.where(_APART == 0, 1, _APART)
+    return jnp.prod(jnp.where(_APART == 0, 1, factors), axis=2)
