@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 SMALL = {
     "batch": ["4", "2", "1", "2"],
     "fig5": ["64", "20"],
+    "form": ["3000", "30"],
     "growth": ["14", "16", "16", "3"],
     "monotone": ["3"],
     "peers": ["64"],

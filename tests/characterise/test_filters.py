@@ -39,7 +39,10 @@ def test_missing_pixels_weigh_nothing():
     alpha = np.sqrt(np.log(2) / np.pi)
     valid = ~np.isnan(heights)
     for i, j in ((0, 0), (11, 15), (22, 3), (5, 30)):
-        across, down = np.exp(-np.pi * ((x - x[i, j]) / alpha / 3) ** 2), np.exp(-np.pi * ((y - y[i, j]) / alpha / 3) ** 2)
+        across, down = (
+            np.exp(-np.pi * ((x - x[i, j]) / alpha / 3) ** 2),
+            np.exp(-np.pi * ((y - y[i, j]) / alpha / 3) ** 2),
+        )
         weights = (across * down)[valid]
         expected = (weights * heights[valid]).sum() / weights.sum() if valid[i, j] else np.nan
         np.testing.assert_allclose(found[i, j], expected, rtol=1e-7)

@@ -56,9 +56,7 @@ def l_filter(data: Any, cutoff: float | str) -> HeightMap:
     """
     height_map, length = _checked(data, cutoff, "L-filter")
     mean = gaussian_mean(height_map.heights, height_map.spacing, length)
-    return _with_operation(
-        height_map, height_map.heights - mean, f"L-filter Gaussian ISO 16610-61, cut-off {length:g}"
-    )
+    return _with_operation(height_map, height_map.heights - mean, f"L-filter Gaussian ISO 16610-61, cut-off {length:g}")
 
 
 def level(data: Any, form: AbstractSimpleForm | str = "plane") -> HeightMap | PointCloud:

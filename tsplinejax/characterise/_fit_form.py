@@ -304,7 +304,11 @@ def _values(shape: AbstractShape, centre: np.ndarray, scale: float) -> dict[str,
     bend = shape.curvature / scale
     inner = place - n / bend if bend else np.full(3, np.inf)
     radius = abs(1 / bend) if bend else np.inf
-    return {"axis": t, "point": inner, "radius": float(radius)} if shape.axial else {"centre": inner, "radius": float(radius)}
+    return (
+        {"axis": t, "point": inner, "radius": float(radius)}
+        if shape.axial
+        else {"centre": inner, "radius": float(radius)}
+    )
 
 
 def _monomials(shape: PolynomialShape, centre: np.ndarray, scale: float) -> dict[str, Any]:

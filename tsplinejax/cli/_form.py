@@ -133,7 +133,10 @@ def _lines(data: str, removal: FormRemoval, report: dict[str, Any]) -> tuple[str
         ("form", f"{kind}, {removal.edf:.4g} effective degrees of freedom"),
         ("texture", f"Sq {quantity(removal.sq_texture, unit)}, Sa {quantity(removal.sa_texture, unit)}"),
         ("largest", f"{quantity(removal.max_error, unit)}{_criterion(removal)}"),
-        ("absorbed", f"{percentage(removal.absorbed_share)} of the texture's mean square went into the form (estimate)"),
+        (
+            "absorbed",
+            f"{percentage(removal.absorbed_share)} of the texture's mean square went into the form (estimate)",
+        ),
         ("operations", "; ".join(removal.operations)),
         ("written", ", ".join(name for name in (report["output"], report["model"], report["plot"]) if name)),
     ]
