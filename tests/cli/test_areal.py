@@ -5,7 +5,27 @@ import pytest
 
 import tsplinejax as tsj
 
-NAMES = "Sq Sa Sz Sp Sv Ssk Sku Sdq Sdr Sal Str Std Sk Spk Svk Vmp Vmc Vvc Vvv".split()
+NAMES = [
+    "Sq",
+    "Sa",
+    "Sz",
+    "Sp",
+    "Sv",
+    "Ssk",
+    "Sku",
+    "Sdq",
+    "Sdr",
+    "Sal",
+    "Str",
+    "Std",
+    "Sk",
+    "Spk",
+    "Svk",
+    "Vmp",
+    "Vmc",
+    "Vvc",
+    "Vvv",
+]
 
 
 @pytest.fixture

@@ -48,7 +48,7 @@ def saddle(tmp_path) -> tsj.PointCloud:
 
 
 def test_a_map_gives_arrays_report_and_model(command, report, dome, tmp_path):
-    """Arrays in the order of valid samples, a texture map on the map's own pixels, every key, and the same as Python."""
+    """Arrays in the order of valid samples, a map on the input's own pixels, every key, and the same as Python."""
     result = report("form", "dome.npz", "-o", "out.npz", "--method", "normal", "--model", "form.tspl")
     assert set(result) >= KEYS
     with np.load("out.npz") as arrays:

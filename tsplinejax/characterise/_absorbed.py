@@ -1,9 +1,9 @@
 """How much of the texture the form has taken for itself: an estimate.
 
 A form of `edf` degrees of freedom follows whatever part of the texture looks like form, and that part is lost to any
-method. What is left tells its size: split the texture into cosines over the parameter rectangle, p along s and q along t.
-The form took those with p < P and q < Q, P Q = edf; were the texture's spectrum flat down there, each would have held what
-the next ones above, up to 2P and 2Q, hold on average. So the share is
+method. What is left tells its size: split the texture into cosines over the parameter rectangle, p along s, q along t.
+The form took those with p < P and q < Q, P Q = edf; were the texture's spectrum flat down there, each would have held
+what the next ones above, up to 2P and 2Q, hold on average. So the share is
 
     a / (a + Sq²),    a = edf · (mean square of the cosines in that band).
 

@@ -108,7 +108,8 @@ def fit_form(
     - `form`: `Plane()`, `Polynomial(order)`, `Sphere()`, `Cylinder()`, or their names `"plane"`, `"poly2"`, ...
     - `distance`: `"orthogonal"`, along the form's normal, or `"vertical"`, along z.
     - `criterion`: `"least squares"`, or `"minimum zone"`, the form with the smallest largest residual (Chebyshev).
-    - `robust`: weigh samples down that stand off (Huber, then Tukey: nothing beyond six robust standard deviations pulls).
+    - `robust`: weigh samples down that stand off (Huber, then Tukey: what is beyond six robust standard
+      deviations does not pull).
     - `weights`: (m,), one a valid sample, not negative.
     - `outward`: direction out of the material for clouds; by default +z, or the side of a mesh's winding.
 
@@ -271,7 +272,7 @@ def _least_squares(
 def _robust(
     shape: AbstractShape, points: np.ndarray, weights: np.ndarray, residuals: Any
 ) -> tuple[AbstractShape, bool]:
-    """Huber's weights, then Tukey's, each renewed until the scale of the residuals (1.4826 × median magnitude) rests."""
+    """Huber's weights, then Tukey's, each renewed until the residuals' scale (1.4826 × median magnitude) rests."""
     converged = False
     for weigh in (_huber, _tukey):
         scale = np.inf

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -35,7 +35,7 @@ def remove_form(
     parameters: Any = "planar",
     outward: ArrayLike | None = None,
     robust: bool = False,
-    smoothing: float | str = "auto",
+    smoothing: float | Literal["auto"] = "auto",
     s_filter: float | str | None = None,
     level: AbstractSimpleForm | str | None = None,
     l_filter: float | str | None = None,

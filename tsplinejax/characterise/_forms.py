@@ -1,6 +1,6 @@
 """The ways to a form: a T-spline fitted in z or orthogonally, a T-spline that is given, a simple form."""
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -30,7 +30,7 @@ class Task(NamedTuple):
     tolerance: float | None
     lattice: tuple[int, int] | None
     robust: bool
-    smoothing: float | str
+    smoothing: float | Literal["auto"]
 
 
 class Formed(NamedTuple):
@@ -58,13 +58,16 @@ def given_form(task: Task, form: TSpline) -> Formed:
     if beyond:
         warnings.append(f"{beyond} points lie past the border of the form; their feet are on it")
     return Formed(
-        form,
-        *(np.asarray(part, np.float64) for part in (found.parameters, found.points, found.normals, found.distances)),
-        ~task.kept,
-        0.0,
-        form.control_points.shape[0],
-        bool(found.converged.all()),
-        tuple(warnings),
+        form=form,
+        parameters=np.asarray(found.parameters, np.float64),
+        feet=np.asarray(found.points, np.float64),
+        normals=np.asarray(found.normals, np.float64),
+        distances=np.asarray(found.distances, np.float64),
+        outliers=~task.kept,
+        edf=0.0,
+        control_points=form.control_points.shape[0],
+        converged=bool(found.converged.all()),
+        warnings=tuple(warnings),
     )
 
 

@@ -6,8 +6,8 @@ For residuals r + J δ, linear in the step δ, minimising the largest magnitude 
 
 The right-hand side is concave in w, its gradient is the squared residuals, and its domain is the simplex: a task for a
 projected gradient, jaxopt's, which is why jaxopt is used here and nowhere else. Only a few samples touch the zone, so w
-lives on a small working set to which the samples that violate are added (an exchange algorithm); then the few that carry
-weight are made equal exactly. For any w the right-hand side is a lower bound.
+lives on a small working set to which the samples that violate are added (an exchange algorithm); then the few that
+carry weight are made equal exactly. For any w the right-hand side is a lower bound.
 """
 
 import warnings

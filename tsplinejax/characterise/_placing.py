@@ -78,7 +78,7 @@ def _computed(
 
 
 def viewing_direction(points: Float[np.ndarray, "m 3"], outward: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, bool]:
-    """The direction along which a cloud is seen without folds: a principal axis or `outward`; and whether there is none.
+    """The direction along which a cloud is seen without folds: a principal axis or `outward`; and if all fold.
 
     A view folds where points that lie side by side in it are far from each other in space. The least-squares plane's
     normal comes first, but a form may well be deeper than it is wide.

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 _FEET = 40  # Newton's steps for the feet on a polynomial; a few suffice near it
+_FIRST = np.array([1.0, 0.0, 0.0])
 _AT_REST = 1e-13  # in units of the data's size
 
 
@@ -85,7 +86,7 @@ class Quadric(AbstractShape):
         # On the axis every direction is as near; that of the place is taken.
         inverse = 1 / np.where(root > 0, root, 1.0)
         bending = self.curvature * local * (1.0, 0.0 if self.axial else 1.0, 1.0)
-        normals = np.where(root[:, None] > 0, (bending + (1.0, 0.0, 0.0)) * inverse[:, None], (1.0, 0.0, 0.0))
+        normals = np.where(root[:, None] > 0, (bending + _FIRST) * inverse[:, None], _FIRST)
         steps = [-2 - 2 * self.curvature * along, 2 * across, -2 * axis]
         if self.axial:
             steps[2] = steps[2] * (1 + self.curvature * along)

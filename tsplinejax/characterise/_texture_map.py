@@ -1,13 +1,15 @@
 """The texture as a height map, the area behind every sample, and how far the map is from the form's own surface."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ..data import HeightMap, PointCloud
 from ..surface import TSpline
-from ._forms import Formed
 from ._fit_form import FittedForm
+from ._forms import Formed
 from ._removal import Distortion
 from ._triangulation import Triangulation, grid_for, triangulate
 
@@ -61,7 +63,7 @@ def without_long_waves(
     mean = before.heights - after.heights
     gaps = np.isnan(mean)
     if gaps.any():
-        nearest = ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
+        nearest: Any = ndimage.distance_transform_edt(gaps, return_distances=False, return_indices=True)
         mean = mean[tuple(nearest)]
     if isinstance(data, HeightMap):
         return texture - mean[data.valid]

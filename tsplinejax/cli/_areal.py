@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     for option, operation in (("s_filter", s_filter), ("level", level), ("l_filter", l_filter)):
         value = getattr(arguments, option)
         data = data if value is None else operation(data, value)
+    assert isinstance(data, HeightMap)
     measured = areal_parameters(data)
     values, units = dict(measured.values), dict(measured.units)
     operations = list(data.provenance.get("operations", ()))

@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     operations = ("s_filter", "level", "l_filter")
     removal = remove_form(data, **{name: getattr(arguments, name) for name in (*names, *operations)})
     with written_whole(target) as stream:
-        np.savez(stream, **arrays(removal))
+        np.savez(stream, allow_pickle=False, **arrays(removal))
     if model is not None:
         save(model, removal.form)  # pyright: ignore[reportArgumentType] -- a T-spline, as checked above
     if picture is not None:

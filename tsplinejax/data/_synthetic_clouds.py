@@ -1,4 +1,4 @@
-"""Synthetic point clouds: scattered Peaks, a saddle with a random texture, and a milled freeform scanned with faults."""
+"""Synthetic point clouds: scattered Peaks, a saddle with a random texture, a milled freeform scanned with faults."""
 
 import numpy as np
 from jaxtyping import Float
@@ -85,8 +85,8 @@ def freeform_artefact(
 
     The form is a cubic polynomial over 100 × 80 mm with 30 mm of sag. Marks of a ball-nose mill, |cos| cusps 4 mm apart
     and slightly oblique, are added along its unit normals; mean 0, root mean square `roughness`. The dust is one
-    cluster of points 1.5 mm wide, up to 1.5 mm above the marks. With `roughness=0` or `outliers=0` the same call gives the
-    form, or the faultless scan, point by point.
+    cluster of points 1.5 mm wide, up to 1.5 mm above the marks. With `roughness=0` or `outliers=0` the same call gives
+    the form, or the faultless scan, point by point.
 
     **Arguments:**
 

@@ -127,7 +127,9 @@ def eliminating(solver: Any, problem: FootProblem) -> Any:
     return eqx.tree_at(lambda one: (one.descent,), solver, parts)
 
 
-def minimise(problem: FootProblem, start: Unknowns, solver: Any, max_iterations: int) -> tuple[Unknowns, Trace, bool]:
+def minimise(
+    problem: FootProblem, start: Unknowns, solver: Any, max_iterations: int
+) -> tuple[Unknowns, Trace, bool]:
     """Fit from a start: the unknowns, the trace, and whether it settled."""
     unknowns, trace, settled = _iterate(eliminating(solver, problem), problem, start, jnp.int32(max_iterations))
     return unknowns, trace, bool(settled)
