@@ -64,7 +64,7 @@ def test_a_height_map_is_a_surface_over_its_frame():
 
 
 def test_points_past_the_border():
-    """A point past the border has its foot on it, is said to be beyond, and its distance is the part along the normal."""
+    """A point past the border has its foot on it and is said to be beyond; its distance is the normal part."""
     flat = tsj.make_surface(spline_space(b_lattice(2, 2)), np.zeros(25))
     found = tsj.project(flat, [[1.5, 0.5, 0.25], [0.5, 0.5, -1.0], [-1.0, 3.0, 0.0]])
     np.testing.assert_allclose(found.parameters, [[1, 0.5], [0.5, 0.5], [0, 1]], atol=1e-12)
@@ -81,9 +81,7 @@ def test_gradients_against_finite_differences():
         return tsj.project(surface, points).distances
 
     slopes = jax.jacrev(distances)(points)
-    np.testing.assert_allclose(
-        np.einsum("iij->ij", slopes), tsj.project(surface, points).normals, atol=1e-8
-    )
+    np.testing.assert_allclose(np.einsum("iij->ij", slopes), tsj.project(surface, points).normals, atol=1e-8)
     direction = np.random.default_rng(3).normal(size=points.shape)
 
     def mean_parameter(points):
@@ -105,9 +103,7 @@ def test_gradients_with_respect_to_control_points():
         )
         return tsj.project(there, points).distances
 
-    np.testing.assert_allclose(
-        jax.jacfwd(moved)(jnp.zeros(3)), -tsj.project(surface, points).normals, atol=1e-8
-    )
+    np.testing.assert_allclose(jax.jacfwd(moved)(jnp.zeros(3)), -tsj.project(surface, points).normals, atol=1e-8)
 
 
 @pytest.mark.parametrize(
