@@ -29,10 +29,10 @@ from ._solve import (
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
 )
-from ._system import bernstein_mass as bernstein_mass
-from ._tiles import in_turns as in_turns
 from ._study import (
     SuggestedTolerance as SuggestedTolerance,
     ToleranceStudy as ToleranceStudy,
     tolerance_study as tolerance_study,
 )
+from ._system import bernstein_mass as bernstein_mass
+from ._tiles import in_turns as in_turns

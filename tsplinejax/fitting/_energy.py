@@ -29,7 +29,9 @@ def energy_scales(sides: Float[Array, "e 2"]) -> Float[Array, "e 3"]:
 
 def bernstein_energy(sides: Float[Array, "e 2"]) -> Float[Array, "e 16 16"]:
     """Energy matrices of the sixteen Bernstein products on elements with physical sides, closed integrals."""
-    return jnp.einsum("ek,kij->eij", energy_scales(sides), jnp.asarray(energy_grams(), sides.dtype), precision="highest")
+    return jnp.einsum(
+        "ek,kij->eij", energy_scales(sides), jnp.asarray(energy_grams(), sides.dtype), precision="highest"
+    )
 
 
 def element_energy(

@@ -42,7 +42,7 @@ class Prepared(eqx.Module):
 
 
 class Elimination(eqx.Module):
-    """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, damped where they are too far.
+    """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, damped where too far.
 
     Damping acts on the control points only, in proportion to the points each of them sees: damped parameters would no
     longer leave n nᵀ behind. A step of size σ has the damping 1/σ (Levenberg-Marquardt), or 1/σ - 1, none for σ = 1.
@@ -127,9 +127,7 @@ def eliminating(solver: Any, problem: FootProblem) -> Any:
     return eqx.tree_at(lambda one: (one.descent,), solver, parts)
 
 
-def minimise(
-    problem: FootProblem, start: Unknowns, solver: Any, max_iterations: int
-) -> tuple[Unknowns, Trace, bool]:
+def minimise(problem: FootProblem, start: Unknowns, solver: Any, max_iterations: int) -> tuple[Unknowns, Trace, bool]:
     """Fit from a start: the unknowns, the trace, and whether it settled."""
     unknowns, trace, settled = _iterate(eliminating(solver, problem), problem, start, jnp.int32(max_iterations))
     return unknowns, trace, bool(settled)

@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._errors import InputError
 from ..fitting import element_energy
 from ..space import SplineSpace, bernstein
-from ..surface import bezier_points, held, invert_two, make_surface, multiply_two
+from ..surface import held, invert_two, make_surface, multiply_two
 from ._descent import minimise
 from ._methods import Joint
 from ._prepare import directions_of, masses
@@ -103,7 +103,9 @@ def _check(space: SplineSpace, points: Array, control_points: Array, parameters:
             f"{control_points.shape} and {parameters.shape}"
         )
     if 3 * n > MOST_UNKNOWNS:
-        raise InputError(f"fit_points takes up to {MOST_UNKNOWNS // 3} control points; received {n}; use fit_orthogonal")
+        raise InputError(
+            f"fit_points takes up to {MOST_UNKNOWNS // 3} control points; received {n}; use fit_orthogonal"
+        )
     if not isinstance(method, Joint) or method.slip <= 0:
         raise InputError(f"fit_points needs Joint(slip=) above zero; received {method!r}; try Joint()")
 
@@ -145,10 +147,7 @@ def _factorise(problem: FootProblem, found: Unknowns) -> _Factor:
     size = tables.size[element]
     local = (found.parameters - tables.corner[element]) / size
     along = [
-        [
-            jnp.einsum("mka,ma->mk", part[element], bernstein(local[:, k], n)) / size[:, k, None] ** n
-            for n in range(3)
-        ]
+        [jnp.einsum("mka,ma->mk", part[element], bernstein(local[:, k], n)) / size[:, k, None] ** n for n in range(3)]
         for k, part in enumerate((tables.along_s, tables.along_t))
     ]
     functions = tables.functions[element]
@@ -163,8 +162,10 @@ def _factorise(problem: FootProblem, found: Unknowns) -> _Factor:
     inverse = invert_two(form, held(found.parameters, gradient))
     directions = problem.directions[functions]
     b = values[0, 0][..., None]
-    columns = [b * tangent[:, None] + values[order][..., None] * r[:, None] for tangent, order in
-               ((S_s, (1, 0)), (S_t, (0, 1)))]
+    columns = [
+        b * tangent[:, None] + values[order][..., None] * r[:, None]
+        for tangent, order in ((S_s, (1, 0)), (S_t, (0, 1)))
+    ]
     across = jnp.stack([jnp.einsum("mkcr,mkc->mkr", directions, column) for column in columns], axis=-1)
     across = across * jnp.sqrt(problem.weights)[:, None, None, None]
     n, width = problem.hold.shape

@@ -7,8 +7,8 @@ from jaxtyping import Array
 from ..fitting import lstsq
 from ..space import to_device
 from ._methods import AbstractFreeMethod, AbstractMethod
-from ._problem import FootProblem, Unknowns
 from ._prepare import pose
+from ._problem import FootProblem, Unknowns
 from ._round import Fitted
 from ._solve import MOST_DENSE, solve, trace_of_damping
 from ._system import assemble, dense, multiply
@@ -22,9 +22,7 @@ def degrees_of_freedom(fitted: Fitted, method: AbstractMethod, smoothing: float)
         return _of_parametric(fitted, smoothing)
     request = fitted.request
     parameters = np.asarray(fitted.feet.parameters)
-    problem = pose(
-        fitted.surface, request.scaled, fitted.weights, parameters, method, smoothing, request.frame.extent
-    )
+    problem = pose(fitted.surface, request.scaled, fitted.weights, parameters, method, smoothing, request.frame.extent)
     unknowns = Unknowns(jnp.zeros_like(problem.hold), fitted.feet.parameters)
     return float(_trace(problem, unknowns))
 
@@ -45,7 +43,9 @@ def _trace(problem: FootProblem, unknowns: Unknowns) -> Array:
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(PROBES, n, r))
     probes = to_device(signs, np.dtype(hold.dtype))
     return jnp.mean(
-        jnp.stack([jnp.vdot(probe, solve(whole, hold, multiply(data, jnp.zeros_like(hold), probe))) for probe in probes])
+        jnp.stack(
+            [jnp.vdot(probe, solve(whole, hold, multiply(data, jnp.zeros_like(hold), probe))) for probe in probes]
+        )
     )
 
 

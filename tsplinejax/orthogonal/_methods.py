@@ -85,8 +85,8 @@ class Joint(AbstractFreeMethod):
     """Control points move in space and foot points with them; tangential slip is held.
 
     The objective carries slip · Σ_i m_i |τ_i|², where τ_i is the tangential part of control point i's move away from
-    the parametric fit and m_i = Σ_j w_j b_i(s_j, t_j) the weight of the points it sees. Sliding control points along the
-    surface changes its shape little, so that free they would follow the texture: three times as many degrees of
+    the parametric fit and m_i = Σ_j w_j b_i(s_j, t_j) the weight of the points it sees. Sliding control points along
+    the surface changes its shape little, so that free they would follow the texture: three times as many degrees of
     freedom. With growing slip the fit tends to [`Normal`][tsplinejax.orthogonal.Normal].
 
     **Arguments:**

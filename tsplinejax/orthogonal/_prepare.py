@@ -1,4 +1,4 @@
-"""Making a fit ready: what a caller hands in, checked; the parametric start; directions in which control points move."""
+"""Making a fit ready: what a caller hands in, checked; the parametric start; directions of control points' moves."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -10,7 +10,6 @@ length, each of one element; the number of blocks is known only on the device, t
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -140,9 +139,7 @@ def _projected(
     _, inverse = _block(r, S_s, S_t, parameters)
     a, b, c = (inverse[..., k, None] for k in range(3))
     left_s, left_t = a * S_s + b * S_t, b * S_s + c * S_t
-    columns = [
-        (1.0 if i == j else 0.0) - left_s[..., i] * S_s[..., j] - left_t[..., i] * S_t[..., j] for i, j in UPPER
-    ]
+    columns = [(1.0 if i == j else 0.0) - left_s[..., i] * S_s[..., j] - left_t[..., i] * S_t[..., j] for i, j in UPPER]
     Q = jnp.stack(columns, axis=-1)
     pulls = jnp.stack([sum(Q[..., FULL[i, j]] * r[..., j] for j in range(3)) for i in range(3)], axis=-1)
     return weights[..., None] * Q, weights[..., None] * pulls
@@ -193,5 +190,3 @@ def blocks_of(system: NormalSystem, hold: Float[Array, "n r"]) -> Float[Array, "
     own = jnp.einsum("eiaib->eiab", system.matrices)
     empty = jnp.zeros((n, r, r), hold.dtype).at[:, jnp.arange(r), jnp.arange(r)].set(hold)
     return empty.at[system.functions].add(own)
-
-

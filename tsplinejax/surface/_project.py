@@ -183,10 +183,7 @@ def _search(
     if start is None or surface.is_height_map:
         known = np.asarray(points_of(surface, places), np.float64)
     size = _size(host, surface, known)
-    if start is None:
-        parameters = places[_nearest(known, host)].astype(dtype)
-    else:
-        parameters = np.array(start)
+    parameters = places[_nearest(known, host)].astype(dtype) if start is None else np.array(start)
     placed = _placed(surface, offset)
     local = (host - offset).astype(dtype)
     converged = np.zeros(len(host), bool)
