@@ -1,6 +1,6 @@
 """Conformal parameters of a disk-like surface: angles are kept, lengths scaled by the same factor in all directions.
 
-A triangle mesh is solved once, with its holes closed. A bare cloud takes two passes: Delaunay triangles of a layout give
+A triangle mesh is solved once, its holes closed. A bare cloud takes two passes: Delaunay triangles of a layout give
 rough coordinates, and the Delaunay triangles of these, which are nearly those of the surface, the final ones. Holes are
 closed by the triangles across them.
 """
@@ -55,8 +55,8 @@ def conformal(
     **Raises:** `InputError` where the data are not one disk (closed, several pieces, branched, all on one line), for
     equal points, and for corners or a boundary that do not fit.
 
-    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4), solved with linear
-    finite elements.
+    Source: two Dirichlet problems and their energies (Ahlfors, *Conformal Invariants*, 1973, chapter 4); linear finite
+    elements.
 
     >>> x, y = np.meshgrid(np.linspace(0, 2, 21), np.linspace(0, 1, 11))
     >>> result = conformal(np.stack([x, y, 0.3 * x * y], axis=-1).reshape(-1, 3))
@@ -73,7 +73,7 @@ def conformal(
     same = first[inverse]  # every point's representative among equal ones
     size = cloud.diagonal
     task = Task(
-        (given - given.mean(axis=0)) / size,
+        (given - given[first].mean(axis=0)) / size,
         first,
         towards,
         None if corners is None else same[checked_corners(corners, given)],
@@ -85,7 +85,7 @@ def conformal(
         solution = of_mesh(task, same[triangles])
     else:
         solution = of_cloud(task, max_points)
-    return _result(solution, task, same, size, cloud.unit)
+    return _result(solution, task, same, size, cloud.unit, max_points)
 
 
 def _equal_points(first: Int[np.ndarray, " n"], inverse: Int[np.ndarray, " m"]) -> str:
@@ -99,7 +99,7 @@ def _equal_points(first: Int[np.ndarray, " n"], inverse: Int[np.ndarray, " m"]) 
 
 
 def _result(
-    solution: Solution, task: Task, same: Int[np.ndarray, " m"], size: float, unit: str | None
+    solution: Solution, task: Task, same: Int[np.ndarray, " m"], size: float, unit: str | None, max_points: int
 ) -> Parameterisation:
     """Give every point its parameters, and say what is doubtful."""
     warnings = list(solution.warnings)
@@ -109,14 +109,14 @@ def _result(
     if len(left):
         known = task.points[solution.solved]
         parameters[left] = interpolated(known, solution.parameters, task.points[left])
-        if not warnings:
+        if len(task.distinct) <= max_points:
             warnings.append(
                 f"{len(left)} points belong to no triangle of the surface; their parameters are interpolated"
             )
     if abs(solution.certificate - 1) > _DOUBTFUL:
         warnings.append(
-            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, or "
-            "the corners or the boundary are not what they seem; see corners= and boundary="
+            f"the map is not conformal (E_u·E_v = {solution.certificate:.3f}): the points are sparse for their shape, "
+            "or the corners or the boundary are not what they seem; see corners= and boundary="
         )
     area = solution.area * size**2
     ratio = solution.side_ratio

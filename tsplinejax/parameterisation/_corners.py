@@ -2,8 +2,8 @@
 
 Kinks of the outline are candidates: places that turn outwards more than what lies just before and after them. Another
 set are the points farthest out towards the corners of the smallest rectangle around the outline, each moved to a kink
-where one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose opposite
-sides are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
+where one is near. Of all sets of four the one wins whose kinks are sharpest (up to a right angle each) and whose
+opposite sides are most alike; the rectangle's is preferred unless kinks say clearly otherwise.
 """
 
 from itertools import combinations
@@ -146,10 +146,10 @@ def _arc(ring: Float[np.ndarray, "b d"]) -> Float[np.ndarray, " b"]:
 def _kinks(
     ring: Float[np.ndarray, "b 3"], places: Float[np.ndarray, "b 2"], share: float
 ) -> tuple[Int[np.ndarray, " c"], Float[np.ndarray, " c"], float]:
-    """Points where the loop turns outwards more sharply than just before and after; by what angle more; the noise of it.
+    """Points where the loop turns outwards more sharply than beside them; by what angle more; the noise of that.
 
-    Angles are those between chords of one window, a share of the loop, in space or in the layout, whichever is more; the
-    layout tells outwards from inwards. A ragged loop turns everywhere: what does not stand out of that is no kink.
+    Angles are those between chords of one window, a share of the loop, in space or in the layout, whichever is more;
+    the layout tells outwards from inwards. A ragged loop turns everywhere: what does not stand out of that is no kink.
     """
     steps = int(np.clip(4 * len(ring), 500, 20_000))
     arc, even = _arc(ring), np.arange(steps) / steps

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
-_FLAT = 1e-7  # height of a triangle over its longest side
+_FLAT = 1e-4  # height of a triangle over its longest side
 
 Triangles = Int[np.ndarray, "k 3"]
 
@@ -18,8 +18,8 @@ def delaunay(
 ) -> Triangles:
     """Return Delaunay triangles, counter-clockwise, peeled from outside.
 
-    Along a straight side of the hull rounding makes triangles of three points in a line; these are peeled off, and with
-    them what is unwanted. What is reached only through triangles that stay, stays.
+    Along a straight side of the hull rounding makes triangles of three points nearly in a line, which carry nothing but
+    rounding errors; these are peeled off, and with them what is unwanted. What is reached only through triangles that stay, stays.
 
     >>> delaunay(np.array([[0.0, 0], [1, 0], [2, 0], [1, 1]])).tolist()
     [[3, 1, 2], [1, 3, 0]]

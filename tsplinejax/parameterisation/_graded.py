@@ -1,7 +1,7 @@
 """Split the edges of a mesh near a few of its vertices, again and again: fine where a solution is singular.
 
-Where two sides meet at another angle than a right one, harmonic coordinates are singular, and linear elements of even size
-lose most of their accuracy at these four points. The surface stays the same: parts of a triangle lie in it.
+Where two sides meet at another angle than a right one, harmonic coordinates are singular, and linear elements of even
+size lose most of their accuracy at these four points. The surface stays the same: parts of a triangle lie in it.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
 """Harmonic coordinates of a disk with four corners, and what they say about conformality.
 
 u solves Laplace's equation with 0 and 1 on two opposite sides and natural conditions on the others, v the other way
-round. With Dirichlet energies E_u and E_v, h = √(E_u / E_v) is the side ratio and (u, h v) the map to a rectangle. Of the
-exact solutions E_u · E_v = 1 (each energy is the inverse of the extremal distance between its sides: Ahlfors, *Conformal
-Invariants*, 1973, chapter 4). Finite elements overestimate either, so the product tells from above how far they are off.
+round. With Dirichlet energies E_u and E_v, h = √(E_u / E_v) is the side ratio and (u, h v) the map to a rectangle. Of
+the exact solutions E_u · E_v = 1 (each energy is the inverse of the extremal distance between its sides: Ahlfors,
+*Conformal Invariants*, 1973, chapter 4). Finite elements overestimate either: the product tells how far they are off.
 """
 
 from itertools import pairwise
@@ -66,7 +66,7 @@ def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np
 
     **Arguments:**
 
-    - `laplacian`: (n, n), positive semi-definite.
+    - `laplacian`: (n, n), symmetric and positive semi-definite.
     - `loop`: vertices of the outer boundary.
     - `corners`: places in the loop of (0, 0), (1, 0), (1, 1), (0, 1).
     """
@@ -80,7 +80,7 @@ def harmonic_rectangle(laplacian: sparse.csc_matrix, loop: Loop, corners: Int[np
 
 
 def _dirichlet(laplacian: sparse.csc_matrix, zero: Loop, one: Loop) -> Float[np.ndarray, " n"]:
-    values = np.zeros(laplacian.shape[0])
+    values = np.zeros(len(laplacian.indptr) - 1)
     values[one] = 1.0
     free = np.ones(len(values), bool)
     free[zero] = free[one] = False
@@ -101,8 +101,8 @@ def dilatation(points: Float[np.ndarray, "n 3"], triangles: Triangles, plane: Fl
     """Return how far the map from a plane to a mesh is from a similarity.
 
     At every vertex the products ∇x · ∇x, ∇x · ∇y, ∇y · ∇y of the plane's coordinates, averaged over the area of the
-    triangles around it; the dilatation is the ratio of the map's singular values there. (A single triangle would show how
-    the scale changes across it, too, as if that were a distortion.)
+    triangles around it; the dilatation is the ratio of the map's singular values there. (A single triangle would show
+    how the scale changes across it, too, as if that were a distortion.)
 
     **Arguments:**
 

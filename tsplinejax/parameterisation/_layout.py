@@ -2,8 +2,8 @@
 
 The view from outside or the least-squares plane serves where the points project onto it without folds; else classical
 scaling of geodesic distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using landmark
-points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are far away
-in space.
+points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are far off in
+space.
 """
 
 from typing import NamedTuple
@@ -104,7 +104,7 @@ def _lies_open(points: Float[np.ndarray, "m 3"], plane: Float[np.ndarray, "m 2"]
     shrunk = np.linalg.norm(plane[graph.row] - plane[graph.col], axis=1) / np.maximum(graph.data, 1e-300)
     least = np.ones(len(points))
     np.minimum.at(least, graph.row, shrunk)
-    return np.quantile(least, _STEEP_SHARE) > _STEEP and torn_share(points, plane, near.reach) < _TORN
+    return bool(np.quantile(least, _STEEP_SHARE) > _STEEP) and torn_share(points, plane, near.reach) < _TORN
 
 
 def refuse_torn(

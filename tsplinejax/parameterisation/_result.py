@@ -22,7 +22,7 @@ class Parameterisation:
 
     - `parameters`: (m, 2) in [0, 1]², in the order of the points; read-only.
     - `sides`: (Ls, Lt), mean physical lengths of the parameter rectangle along s and t; a lattice of M × N elements
-      with M / N ≈ Ls / Lt has elements that are square in space. Of a conformal map the rectangle has the surface's area.
+      with M / N ≈ Ls / Lt has elements that are square in space. A conformal map's rectangle has the surface's area.
     - `kind`: `"planar"` or `"conformal"`.
     - `unit`: of the points and the sides, or `None`.
     - `corners`: (4,), the points at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1); `None` for planar.
