@@ -1,6 +1,6 @@
 """Results of the benchmarks as tables: `python docs/make_tables.py` writes docs/benchmarks.md and the README's table.
 
-A page that holds a line `<!-- table: RESULT -->` has that result's rows between it and the next `<!-- end of table -->`.
+A page with a line `<!-- table: RESULT -->` gets that result's rows between it and the next `<!-- end of table -->`.
 Every `bench/bench_NAME.py` becomes a section of the page: what it asks, in the words of its docstring, and the rows,
 versions and machine of each result that it left in bench/results; "not run" where it left none. In the README it is one
 line: the question, and the notes as the answer. Pictures are drawn from the same results.

@@ -5,6 +5,7 @@ exact: a sample stands for the interval of ratios that its weight occupies. Area
 intervals; between the middles of two intervals the height is interpolated.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -65,6 +66,7 @@ def functional_parameters(
     cut_height: Float[ArrayLike, ""] = 0.0,
     material_ratio: Float[ArrayLike, ""] = 10.0,
     volume_ratios: tuple[float, float] = (10.0, 80.0),
+    ordered: bool = False,
 ) -> FunctionalParameters:
     """Parameters of the material ratio curve of a map or of scattered samples.
 
@@ -81,6 +83,7 @@ def functional_parameters(
     - `cut_height`: height above the mean at which Smr is taken, in the heights' unit.
     - `material_ratio`: ratio in % at which Smc is taken, a height above the mean.
     - `volume_ratios`: the two ratios in % that bound the core in Vmp, Vmc, Vvc and Vvv.
+    - `ordered`: whether the heights fall already, missing ones and weights of zero last; sorting is most of the work.
 
     **Returns:** `FunctionalParameters`, NaN where nothing is present. Differentiable with respect to heights and
     weights, the central region held in place; works under `jit` and `vmap`.
@@ -95,15 +98,21 @@ def functional_parameters(
     if not 0 < low < high < 100:
         raise InputError(f"volume_ratios are two rising percentages between 0 and 100, but got {low} and {high}")
     array, chosen = checked(heights, weights)
-    return _functional_parameters(array, chosen, cut_height, material_ratio, jnp.asarray([low, high], array.dtype))
+    ratios = jnp.asarray([low, high], array.dtype)
+    return _functional_parameters(array, chosen, cut_height, material_ratio, ratios, ordered=ordered)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="ordered")
 def _functional_parameters(
-    heights: Array, weights: Array | None, cut_height: Array, material_ratio: Array, volume_ratios: Array
+    heights: Array, weights: Array | None, cut_height: Array, material_ratio: Array, volume_ratios: Array, ordered: bool
 ) -> FunctionalParameters:
     samples = measured(heights, weights)
-    curve = _curve(samples.heights.ravel(), samples.weights.ravel(), equal=weights is None)
+    falling, shares = samples.heights.ravel(), samples.weights.ravel()
+    lowest = jnp.min(jnp.where(shares > 0, falling, jnp.inf))
+    falling = jnp.where(shares > 0, falling, lowest)  # what is missing comes last and occupies no ratio
+    if not ordered:
+        falling, shares = _sorted(falling, shares, equal=weights is None)
+    curve = _curve(falling, shares, equal=weights is None)
     top, bottom = _core(curve)
     # The core is the smallest that holds its ends: a plateau at one of them is inside, whatever the line's rounding.
     rounding = 64 * jnp.finfo(curve.heights.dtype).eps
@@ -126,17 +135,21 @@ def _functional_parameters(
     )
 
 
+def _sorted(heights: Array, weights: Array, *, equal: bool) -> tuple[Array, Array]:
+    """Heights, highest first, and their weights, which need not be carried along where all are equal."""
+    if equal:
+        return -jnp.sort(-heights), weights
+    order = jnp.argsort(-heights)
+    return heights[order], weights[order]
+
+
 def _curve(heights: Array, weights: Array, *, equal: bool) -> _Curve:
-    """Sort, highest first; what is missing comes last and occupies no ratio."""
-    present = weights > 0
-    heights = jnp.where(present, heights, jnp.min(jnp.where(present, heights, jnp.inf)))
-    if equal:  # no weights to be carried along
-        heights = -jnp.sort(-heights)
-        count = jnp.sum(present)
+    """Each height over the ratios that its weight occupies; weights that are all equal are only counted."""
+    if equal:
+        count = jnp.sum(weights > 0)
         end = jnp.minimum(jnp.arange(1, heights.size + 1), count) / count.astype(heights.dtype)
     else:
-        order = jnp.argsort(-heights)
-        heights, sums = heights[order], jnp.cumsum(weights[order])
+        sums = jnp.cumsum(weights)
         end = sums / sums[-1]
     return _Curve(heights, jnp.concatenate([jnp.zeros(1, end.dtype), end[:-1]]), end)
 

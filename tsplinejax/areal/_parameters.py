@@ -137,12 +137,11 @@ def areal_parameters(
         ]
     groups.append(
         functional_parameters(
-            # Sorted beforehand, heights without weights are sorted much sooner on the device.
-            np.sort(heights, axis=None) if shares is None else heights,
-            shares,
+            *_falling(heights, shares),
             cut_height=cut,
             material_ratio=material_ratio,
             volume_ratios=volume_ratios,
+            ordered=True,
         )
     )
     found = {name: float(value) for group in groups for name, value in group._asdict().items()}
@@ -184,6 +183,14 @@ def _resolved(
         )
     steps = surface.spacing if spacing is None else HeightMap([[0.0]], spacing).spacing
     return surface.heights, steps, unit
+
+
+def _falling(heights: np.ndarray, shares: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Heights and weights, highest first, what is missing last: numpy sorts several times as fast as JAX does."""
+    if shares is None:
+        return -np.sort(-heights, axis=None), None
+    order = np.argsort(np.where(shares > 0, -heights, np.nan), axis=None)
+    return heights.ravel()[order], shares.ravel()[order]
 
 
 def _precision(stored: np.dtype, dtype: Any) -> np.dtype:

@@ -139,13 +139,13 @@ def _lay(correlation: Float[Array, "lags_y lags_x"], spacing: tuple[Array, Array
     frequency = (1 / (columns * spacing[0]), 1 / (rows * spacing[1]))
 
     # Up to the ellipse that touches the border, a circle for square pixels: corners would favour the diagonals.
-    semiaxes = jnp.array([rows // 2 - 2, columns // 2 - 2], power.dtype)
+    semiaxes = jnp.array([rows // 2 - 3, columns // 2 - 3], power.dtype)
 
     def summed(angle: Array) -> Array:
         pitch, step = _half_pixel(frequency, angle)
         places = jnp.arange(max(power.shape))
         within = places * jnp.linalg.norm(step / semiaxes) <= 1
-        return pitch**2 * jnp.sum(places * jnp.where(within, _along(power, step * places[:, None]), 0))
+        return pitch**2 * jnp.nansum(places * jnp.where(within, _along(power, step * places[:, None]), 0))
 
     values = jax.vmap(summed)(_directions(correlation.dtype))
     across = jnp.degrees(_best_direction(summed, values))
