@@ -73,7 +73,7 @@ def noise() -> Figure:
 
 def form() -> Figure:
     """A freeform scanned with holes and faults, and its tool marks."""
-    return plot_form_removal(tsj.remove_form(freeform_artefact(60_000), method="normal", robust=True))
+    return plot_form_removal(tsj.remove_form(freeform_artefact(30_000), method="normal", robust=True))
 
 
 def t_mesh() -> Figure:

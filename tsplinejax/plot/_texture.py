@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: The colours span this share of the texture's magnitudes; what is beyond is drawn in the end's colour.
 _SHOWN = 99.7
-_MOST_POINTS = 20_000
+_MOST_POINTS = 12_000
 
 
 def plot_texture(texture: Any, ax: "Axes | None" = None) -> "Axes":
