@@ -11,7 +11,19 @@ from tsplinejax.cli import main as tsplinejax
 
 PAGE = Path(__file__).parent / "command-line.md"
 OPENING = "<!-- help: written by docs/make_command_line.py -->"
-COMMANDS = ("fit", "batch fit", "evaluate", "info", "convert", "compress", "decompress", "plot", "demo")
+COMMANDS = (
+    "fit",
+    "batch fit",
+    "form",
+    "areal",
+    "evaluate",
+    "info",
+    "convert",
+    "compress",
+    "decompress",
+    "plot",
+    "demo",
+)
 
 
 def main() -> None:

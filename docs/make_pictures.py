@@ -16,8 +16,8 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import Rectangle  # noqa: E402
 
 import tsplinejax as tsj  # noqa: E402
-from tsplinejax.data import plate_with_particles, scattered_peaks  # noqa: E402
-from tsplinejax.plot import plot_error, plot_mesh, plot_overview, plot_tolerance_study  # noqa: E402
+from tsplinejax.data import freeform_artefact, plate_with_particles, scattered_peaks  # noqa: E402
+from tsplinejax.plot import plot_error, plot_form_removal, plot_mesh, plot_overview, plot_tolerance_study  # noqa: E402
 from tsplinejax.space import bezier_elements  # noqa: E402
 
 IMAGES = Path(__file__).parent / "images"
@@ -71,6 +71,11 @@ def noise() -> Figure:
     return figure
 
 
+def form() -> Figure:
+    """A freeform scanned with holes and faults, and its tool marks."""
+    return plot_form_removal(tsj.remove_form(freeform_artefact(30_000), method="normal", robust=True))
+
+
 def t_mesh() -> Figure:
     """A small T-mesh: T-junctions, a local knot vector, Bézier elements."""
     tmesh = tsj.b_lattice(4, 3)
@@ -118,6 +123,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "tolerance": tolerance_study,
     "noise": noise,
     "t_mesh": t_mesh,
+    "form": form,
 }
 
 

@@ -1,5 +1,6 @@
 """Results of the benchmarks as tables: `python docs/make_tables.py` writes docs/benchmarks.md and the README's table.
 
+A page with a line `<!-- table: RESULT -->` gets that result's rows between it and the next `<!-- end of table -->`.
 Every `bench/bench_NAME.py` becomes a section of the page: what it asks, in the words of its docstring, and the rows,
 versions and machine of each result that it left in bench/results; "not run" where it left none. The README has a few
 headlines of them. Pictures are drawn from the same results.
@@ -39,7 +40,20 @@ def documents() -> dict[Path, str]:
     page = "\n".join([INTRODUCTION, *(_section(script, found) for script, found in results.items())])
     before, _, rest = README.read_text(encoding="utf-8").partition(OPENING)
     after = rest.partition(CLOSING)[2]
-    return {PAGE: page, README: f"{before}{OPENING}\n{_summary()}{CLOSING}{after}"}
+    pages = {path: _with_tables(path.read_text(encoding="utf-8")) for path in ROOT.glob("docs/*.md") if path != PAGE}
+    return {**pages, PAGE: page, README: f"{before}{OPENING}\n{_summary()}{CLOSING}{after}"}
+
+
+def _with_tables(text: str) -> str:
+    """A page with the tables it asks for; as it was where a result is not there."""
+
+    def filled(match: re.Match[str]) -> str:
+        path = RESULTS / f"{match[2]}.json"
+        if not path.is_file():
+            return match[0]
+        return f"{match[1]}\n{_table(json.loads(path.read_text(encoding='utf-8'))['rows'])}{match[3]}"
+
+    return re.sub(r"(<!-- table: (\w+) -->)\n.*?(<!-- end of table -->)", filled, text, flags=re.DOTALL)
 
 
 def _results() -> dict[str, list[dict[str, Any]]]:

@@ -2,6 +2,20 @@
 
 from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
 from ._version import __version__ as __version__
+from .areal import ArealParameters as ArealParameters, areal_parameters as areal_parameters
+from .characterise import (
+    Cylinder as Cylinder,
+    FittedForm as FittedForm,
+    FormRemoval as FormRemoval,
+    Plane as Plane,
+    Polynomial as Polynomial,
+    Sphere as Sphere,
+    fit_form as fit_form,
+    l_filter as l_filter,
+    level as level,
+    remove_form as remove_form,
+    s_filter as s_filter,
+)
 from .codec import compress as compress, decompress as decompress, load as load, save as save
 from .data import (
     Frame as Frame,
@@ -40,12 +54,23 @@ from .mesh import (
     is_analysis_suitable as is_analysis_suitable,
     refine as refine,
 )
+from .orthogonal import (
+    Huber as Huber,
+    Joint as Joint,
+    Normal as Normal,
+    OrthogonalFit as OrthogonalFit,
+    Parametric as Parametric,
+    Tukey as Tukey,
+    fit_orthogonal as fit_orthogonal,
+)
 from .parameterisation import Parameterisation as Parameterisation, conformal as conformal, planar as planar
 from .space import SplineSpace as SplineSpace, spline_space as spline_space
 from .surface import (
+    Projection as Projection,
     TSpline as TSpline,
     curvatures as curvatures,
     make_surface as make_surface,
     normals as normals,
+    project as project,
     transfer as transfer,
 )

@@ -28,7 +28,11 @@ from ._synthetic import (
     step as step,
     structured_with_missing as structured_with_missing,
 )
-from ._synthetic_clouds import saddle_with_texture as saddle_with_texture, scattered_peaks as scattered_peaks
+from ._synthetic_clouds import (
+    freeform_artefact as freeform_artefact,
+    saddle_with_texture as saddle_with_texture,
+    scattered_peaks as scattered_peaks,
+)
 from ._units import (
     LENGTH_UNITS as LENGTH_UNITS,
     canonical_unit as canonical_unit,

@@ -1,6 +1,8 @@
-"""Synthetic point clouds: scattered Peaks, and a saddle with a random texture along its normals."""
+"""Synthetic point clouds: scattered Peaks, a saddle with a random texture, a milled freeform scanned with faults."""
 
 import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from .._errors import InputError
 from ._point_cloud import PointCloud
@@ -67,6 +69,87 @@ def saddle_with_texture(
     normals = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=-1) / steepness[..., np.newaxis]
     points = form + texture[..., np.newaxis] * normals
     return PointCloud(points.reshape(-1, 3), provenance={"name": "saddle_with_texture", "operations": []})
+
+
+def freeform_artefact(
+    points: int = 120_000,
+    *,
+    roughness: float = 0.139,
+    outliers: float = 0.01,
+    density: float = 2.0,
+    rotation: ArrayLike | None = None,
+    shift: ArrayLike = (0.0, 0.0, 0.0),
+    seed: int = 0,
+) -> PointCloud:
+    """Make a milled freeform as a scanner sees it, in millimetres: tool marks, three holes, outliers and dust.
+
+    The form is a cubic polynomial over 100 × 80 mm with 30 mm of sag. Marks of a ball-nose mill, |cos| cusps 4 mm apart
+    and slightly oblique, are added along its unit normals; mean 0, root mean square `roughness`. The dust is one
+    cluster of points 1.5 mm wide, up to 1.5 mm above the marks. With `roughness=0` or `outliers=0` the same call gives
+    the form, or the faultless scan, point by point.
+
+    **Arguments:**
+
+    - `points`: before those in the holes are left out.
+    - `roughness`: Sq of the marks.
+    - `outliers`: share of the points that are displaced, in any direction by up to 2.8 mm; 0 also leaves the
+      dust away.
+    - `density`: how many times as dense the points are where x > 0.
+    - `rotation`, `shift`: pose: a (3, 3) rotation matrix, and a displacement after it.
+    - `seed`: of the outliers.
+
+    >>> freeform_artefact(2000)
+    PointCloud(1861 points, diagonal=131.688 mm, float64)
+    """
+    if points < 100 or not roughness >= 0 or not 0 <= outliers < 1 or not density > 0:
+        raise InputError(
+            "a freeform artefact needs points ≥ 100, roughness ≥ 0, 0 ≤ outliers < 1 and density > 0, "
+            f"but got {points}, {roughness}, {outliers} and {density}"
+        )
+    x, y = _places_without_holes(points, density)
+    u, v = x / 50, y / 40
+    height, slope_x, slope_y = _sag(u, v)
+    normals = np.stack([-slope_x / 50, -slope_y / 40, np.ones_like(x)], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cusps = (np.abs(np.cos(np.pi * (y + 0.12 * x) / 4)) - 2 / np.pi) / np.sqrt(0.5 - 4 / np.pi**2)
+    cloud = np.stack([x, y, height], axis=1) + roughness * cusps[:, None] * normals
+    if outliers:
+        _add_faults(cloud, np.hypot(x + 30, y + 22), normals, outliers, 20 * 0.139, seed)
+    cloud = cloud @ (np.eye(3) if rotation is None else np.asarray(rotation, np.float64)).T + np.asarray(shift)
+    return PointCloud(cloud, "mm", provenance={"name": "freeform_artefact", "operations": []})
+
+
+def _places_without_holes(points: int, density: float) -> Float[np.ndarray, "2 m"]:
+    """An even sequence (Roberts 2018) over 100 × 80, denser where x > 0, without what falls into three holes."""
+    dense = round(points * density / (1 + density))
+    index = np.concatenate([np.arange(dense), np.arange(points - dense)])
+    first, second = (0.5 + index[:, None] * (0.7548776662466927, 0.5698402909980532)).T % 1.0
+    x = 50 * np.where(np.arange(points) < dense, first, -first)
+    y = 80 * second - 40
+    holes = ((-25.0, 14.0, 7.0), (16.0, -15.0, 9.0), (30.0, 20.0, 5.0))
+    outside = np.logical_and.reduce([np.hypot(x - a, y - b) > radius for a, b, radius in holes])
+    return np.stack([x[outside], y[outside]])
+
+
+def _sag(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heights of the artefact's form in mm, 30 between the lowest and the highest, and their slopes in u and v."""
+    scale = 30 / 1.6123
+    height = scale * (0.8 * u**2 - 0.5 * v**2 + 0.3 * u * v + 0.15 * u * v**2 + 0.18 * u**3)
+    slope_u = scale * (1.6 * u + 0.3 * v + 0.15 * v**2 + 0.54 * u**2)
+    slope_v = scale * (-v + 0.3 * u + 0.3 * u * v)
+    return height, slope_u, slope_v
+
+
+def _add_faults(
+    cloud: np.ndarray, from_dust: np.ndarray, normals: np.ndarray, share: float, reach: float, seed: int
+) -> None:
+    """Displace a share of the points in any direction, and lift a cluster of dust; changes the cloud in place."""
+    generator = np.random.default_rng(seed)
+    chosen = generator.random(len(cloud)) < share
+    direction = generator.normal(size=(len(cloud), 3))
+    direction *= reach * generator.random((len(cloud), 1)) / np.linalg.norm(direction, axis=1, keepdims=True)
+    lift = np.where(from_dust < 0.75, 1.0 + 0.5 * generator.random(len(cloud)), 0.0)
+    cloud += np.where(chosen[:, None], direction, lift[:, None] * normals)
 
 
 def _gaussian_process(y: np.ndarray, x: np.ndarray, correlation_length: float, seed: int) -> np.ndarray:

@@ -7,6 +7,13 @@ from ._criteria import (
     NoiseCriterion as NoiseCriterion,
     ToleranceCriterion as ToleranceCriterion,
 )
+from ._design import blending as blending
+from ._energy import (
+    default_smoothing as default_smoothing,
+    element_energy as element_energy,
+    energy_grams as energy_grams,
+    energy_scales as energy_scales,
+)
 from ._engines import (
     AbstractEngine as AbstractEngine,
     DaskEngine as DaskEngine,
@@ -14,7 +21,7 @@ from ._engines import (
 )
 from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
 from ._lstsq import lstsq as lstsq
-from ._problem import Budget as Budget, Problem as Problem
+from ._problem import Budget as Budget, Problem as Problem, scaled_lattice as scaled_lattice
 from ._result import FitResult as FitResult, Step as Step, StopReason as StopReason
 from ._shared import SharedFit as SharedFit, fit_shared as fit_shared
 from ._solve import (
@@ -27,3 +34,5 @@ from ._study import (
     ToleranceStudy as ToleranceStudy,
     tolerance_study as tolerance_study,
 )
+from ._system import bernstein_mass as bernstein_mass
+from ._tiles import in_turns as in_turns

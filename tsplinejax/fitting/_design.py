@@ -49,7 +49,7 @@ class Design:
             band = self.places[first : first + self.length].astype(self.space.dtype)
             padded = np.zeros((self.length, 2), band.dtype)
             padded[: len(band)] = band
-            functions, values = (np.asarray(part)[: len(band)] for part in _blending(self.space, to_device(padded)))
+            functions, values = (np.asarray(part)[: len(band)] for part in blending(self.space, to_device(padded)))
             k = functions.shape[1]
             starts = np.arange(0, len(band) * k + 1, k, dtype=np.int32)
             entries = (values.ravel().astype(np.float64), functions.ravel(), starts)
@@ -57,7 +57,7 @@ class Design:
 
 
 @eqx.filter_jit
-def _blending(space: SplineSpace, places: Float[Array, "m 2"]) -> tuple[Int[Array, "m K"], Float[Array, "m K"]]:
+def blending(space: SplineSpace, places: Float[Array, "m 2"]) -> tuple[Int[Array, "m K"], Float[Array, "m K"]]:
     """The blending functions alive at each place, and their values."""
     element, tables = space.locator(places), space.tables
     local = (places - tables.corner[element]) / tables.size[element]

@@ -15,13 +15,13 @@ from ..space import gram
 
 
 @lru_cache
-def _grams() -> Float[np.ndarray, "3 16 16"]:
+def energy_grams() -> Float[np.ndarray, "3 16 16"]:
     """∫ f_uu², 2 ∫ f_uv² and ∫ f_vv² of sixteen Bernstein products over the unit square, as quadratic forms."""
     terms = ((2, 0, 1), (1, 1, 2), (0, 2, 1))
     return np.stack([factor * np.kron(gram(order_s), gram(order_t)) for order_s, order_t, factor in terms])
 
 
-def _scales(sides: Float[Array, "e 2"]) -> Float[Array, "e 3"]:
+def energy_scales(sides: Float[Array, "e 2"]) -> Float[Array, "e 3"]:
     """What the three terms become on elements with physical sides."""
     width, height = sides[:, 0], sides[:, 1]
     return jnp.stack([height / width**3, 1 / (width * height), width / height**3], axis=1)
@@ -29,7 +29,9 @@ def _scales(sides: Float[Array, "e 2"]) -> Float[Array, "e 3"]:
 
 def bernstein_energy(sides: Float[Array, "e 2"]) -> Float[Array, "e 16 16"]:
     """Energy matrices of the sixteen Bernstein products on elements with physical sides, closed integrals."""
-    return jnp.einsum("ek,kij->eij", _scales(sides), jnp.asarray(_grams(), sides.dtype), precision="highest")
+    return jnp.einsum(
+        "ek,kij->eij", energy_scales(sides), jnp.asarray(energy_grams(), sides.dtype), precision="highest"
+    )
 
 
 def element_energy(
@@ -44,7 +46,7 @@ def element_energy(
 def piece_energies(points: Float[Array, "e 4 4 d"], sides: Float[Array, "e 2"]) -> Float[Array, " e"]:
     """The energy of each polynomial piece with these Bézier points, on an element with these physical sides."""
     flat = points.reshape(len(points), 16, -1)
-    scales, grams = _scales(sides), jnp.asarray(_grams(), points.dtype)
+    scales, grams = energy_scales(sides), jnp.asarray(energy_grams(), points.dtype)
     terms = [jnp.sum(flat * jnp.einsum("ij,ejd->eid", form, flat, precision="highest"), axis=(1, 2)) for form in grams]
     return terms[0] * scales[:, 0] + terms[1] * scales[:, 1] + terms[2] * scales[:, 2]
 

@@ -18,4 +18,5 @@ from ._height_map import plot_height_map as plot_height_map
 from ._mesh import plot_mesh as plot_mesh
 from ._overview import plot_overview as plot_overview
 from ._surface_3d import plot_surface_3d as plot_surface_3d
+from ._texture import plot_form_removal as plot_form_removal, plot_texture as plot_texture
 from ._tolerance_study import plot_tolerance_study as plot_tolerance_study

@@ -6,7 +6,7 @@ in chunks that stay in the cache, padded to capacities, so that no number of par
 asks for a kernel of its own. Inside a transformation everything is one expression of the caller's.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import comb
@@ -79,6 +79,23 @@ def evaluate(
     coefficients = control_points.reshape(control_points.shape[0], -1)
     values = _kernel(space, coefficients, frame, len(flat), query)(flat)
     return values.reshape(*places.shape[:-1], *control_points.shape[1:])
+
+
+def jet(
+    space: SplineSpace,
+    points: Float[Array, "elements 4 4 d"],
+    parameters: Float[Array, "m 2"],
+    orders: Sequence[tuple[int, int]],
+) -> list[Float[Array, "m d"]]:
+    """Values and derivatives of several orders at once, inside a transformation: they share their gathers.
+
+    `points` are the Bézier points of all elements, in homogeneous coordinates where the space is rational.
+    """
+    element = space.locator(parameters)
+    sizes = [space.tables.size[element, k] for k in range(2)]
+    local = [(parameters[:, k] - space.tables.corner[element, k]) / sizes[k] for k in range(2)]
+    rows = _rows(points, element)
+    return [_values(Query(order, space.rational), local, sizes, rows, None) for order in orders]
 
 
 def on_host(space: SplineSpace) -> bool:

@@ -1,0 +1,65 @@
+"""`tsplinejax areal`: the areal parameters of ISO 25178-2."""
+
+import argparse
+from typing import Any
+
+from .._errors import InputError
+from .._version import __version__
+from ..areal import areal_parameters
+from ..characterise import l_filter, level, s_filter
+from ..data import HeightMap
+from ..io._files import existing_file
+from ._arguments import add_command, add_data_options
+from ._files import read_data
+from ._operations import add_operations
+from ._outcome import Outcome, described, table
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command to the parser."""
+    parser = add_command(
+        subparsers,
+        "areal",
+        "measure the areal parameters of ISO 25178-2 of a height map",
+        "tsplinejax areal map.x3p --s-filter 2.5um --level plane --l-filter 80um --json",
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument("input", metavar="INPUT", help="height map")
+    add_operations(parser)
+    add_data_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Read, filter and level, measure."""
+    existing_file(arguments.input)
+    data = read_data(arguments.input, arguments)
+    if not isinstance(data, HeightMap):
+        raise InputError(
+            f"{arguments.input} is a point cloud, but areal parameters are of a height map; take its form off first "
+            "(tsplinejax form), or read it with --as map"
+        )
+    original = data
+    for option, operation in (("s_filter", s_filter), ("level", level), ("l_filter", l_filter)):
+        value = getattr(arguments, option)
+        data = data if value is None else operation(data, value)
+    assert isinstance(data, HeightMap)
+    measured = areal_parameters(data)
+    values, units = dict(measured.values), dict(measured.units)
+    operations = list(data.provenance.get("operations", ()))
+    report = {
+        **values,
+        "units": units,
+        "notes": list(measured.notes),
+        "operations": operations,
+        "range": data.range,
+        "unit": data.unit,
+        "warnings": [],
+        "provenance": {"software": f"tsplinejax {__version__}", "input": dict(original.provenance)},
+    }
+    return Outcome(report, _lines(original, values, units, operations))
+
+
+def _lines(data: HeightMap, values: dict[str, Any], units: dict[str, Any], operations: list[str]) -> tuple[str, ...]:
+    rows = [("data", described(data)), ("operations", "; ".join(operations) or "none")]
+    rows += [(name, f"{value:.5g} {units.get(name) or ''}".rstrip()) for name, value in values.items()]
+    return table(rows)

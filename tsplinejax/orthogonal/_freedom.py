@@ -1,0 +1,68 @@
+"""Effective degrees of freedom: the trace of what takes the points' normal distances to the fitted surface's."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..fitting import lstsq
+from ..space import to_device
+from ._methods import AbstractFreeMethod, AbstractMethod
+from ._prepare import pose
+from ._problem import FootProblem, Unknowns
+from ._round import Fitted
+from ._solve import MOST_DENSE, solve, trace_of_damping
+from ._system import assemble, dense, multiply
+
+PROBES = 12
+
+
+def degrees_of_freedom(fitted: Fitted, method: AbstractMethod, smoothing: float) -> float:
+    """tr A⁻¹ A₀, for A₀ the points' part of A: exact for small systems, else from random signs (Hutchinson)."""
+    if not isinstance(method, AbstractFreeMethod):
+        return _of_parametric(fitted, smoothing)
+    request = fitted.request
+    parameters = np.asarray(fitted.feet.parameters)
+    problem = pose(fitted.surface, request.scaled, fitted.weights, parameters, method, smoothing, request.frame.extent)
+    unknowns = Unknowns(jnp.zeros_like(problem.hold), fitted.feet.parameters)
+    return float(_trace(problem, unknowns))
+
+
+def _trace(problem: FootProblem, unknowns: Unknowns) -> Array:
+    """The trace for a free method."""
+    import equinox as eqx
+
+    bare = eqx.tree_at(lambda one: one.smoothing, problem, jnp.zeros_like(problem.smoothing))
+    summed = eqx.filter_jit(assemble)
+    data, whole = summed(bare, unknowns), summed(problem, unknowns)
+    n, r = problem.hold.shape
+    damping = trace_of_damping(np.dtype(problem.points.dtype)) * jnp.maximum(problem.mass, 1e-6 * problem.mass.mean())
+    hold = problem.hold + damping[:, None]
+    if n * r <= MOST_DENSE:
+        columns = dense(data, jnp.zeros_like(hold)).reshape(n, r, n * r)
+        return jnp.trace(solve(whole, hold, columns).reshape(n * r, n * r))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(PROBES, n, r))
+    probes = to_device(signs, np.dtype(hold.dtype))
+    return jnp.mean(
+        jnp.stack(
+            [jnp.vdot(probe, solve(whole, hold, multiply(data, jnp.zeros_like(hold), probe))) for probe in probes]
+        )
+    )
+
+
+def _of_parametric(fitted: Fitted, smoothing: float) -> float:
+    """The trace of the linear smoother over fixed parameters, from random signs at the points."""
+    request, space = fitted.request, fitted.surface.space
+    root = np.sqrt(np.where(fitted.weights > 0, fitted.weights, 1))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(len(root), 3)) * (fitted.weights > 0)[:, None]
+    points = lstsq(
+        space,
+        request.parameters,
+        signs / root[:, None],
+        fitted.weights,
+        smoothing=smoothing,
+        extent=request.frame.extent,
+    )
+    from ..surface import make_surface
+
+    values = np.asarray(make_surface(space, points)(request.parameters))
+    return float(np.sum(signs * root[:, None] * values) / 3)
