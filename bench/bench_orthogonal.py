@@ -165,11 +165,9 @@ def adaptive(tolerance: float = 2e-3) -> None:
 
 def speed() -> None:
     """Seconds a warm iteration of the joint fit over 400 control points, and of foot points."""
-    import jax.numpy as jnp
-
     from tsplinejax.orthogonal._descent import minimise
     from tsplinejax.orthogonal._prepare import parametric, pose, read_request
-    from tsplinejax.orthogonal._problem import Unknowns
+    from tsplinejax.orthogonal._round import beginning
 
     space = spline_space(b_lattice(17, 17))
     rows = []
@@ -180,7 +178,7 @@ def speed() -> None:
         surface = parametric(space, request, request.parameters, request.weights, 1e-9)
         extent = request.frame.extent
         problem = pose(surface, request.scaled, request.weights, request.parameters, tsj.Joint(), 1e-9, extent)
-        start = Unknowns(jnp.zeros_like(problem.hold), jnp.asarray(request.parameters))
+        start = beginning(problem, request.parameters)
         minimise(problem, start, None, 1)
         seconds = {}
         for steps in (1, 4):

@@ -18,6 +18,7 @@ from ._solve import solve, trace_of_damping
 from ._system import NormalSystem, assemble, follow
 
 MOST_STEPS = 256  # that a history holds
+GENTLE = 1e-3  # damping of a guarded step of half the size, relative to the mass a control point sees
 
 
 class Trace(eqx.Module):
@@ -45,7 +46,8 @@ class Elimination(eqx.Module):
     """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, damped where too far.
 
     Damping acts on the control points only, in proportion to the points each of them sees: damped parameters would no
-    longer leave n nᵀ behind. A step of size σ has the damping 1/σ (Levenberg-Marquardt), or 1/σ - 1, none for σ = 1.
+    longer leave n nᵀ behind. A step of size σ has the damping 1/σ (Levenberg-Marquardt), or a trace of
+    1/σ - 1, none for σ = 1.
     """
 
     problem: FootProblem
@@ -70,7 +72,7 @@ class Elimination(eqx.Module):
 
         problem = self.problem
         size = jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
-        damping = 1 / size - (0 if self.always_damped else 1)
+        damping = 1 / size if self.always_damped else GENTLE * (1 / size - 1)
         damping = damping + trace_of_damping(np.dtype(problem.points.dtype))
         moves = -solve(state.system, problem.hold + damping * _mass(problem), state.system.gradient)
         return Unknowns(moves, follow(problem, state.unknowns, moves)), optimistix.RESULTS.successful

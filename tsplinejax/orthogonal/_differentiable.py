@@ -193,7 +193,7 @@ def _newton(problem: FootProblem, found: Unknowns, factor: _Factor) -> Unknowns:
     """H⁻¹ times the objective's gradient at the fit, as a function of the points."""
 
     def objective(unknowns: Unknowns) -> Array:
-        return 0.5 * sum(jnp.sum(part**2) for part in residuals(unknowns, problem))
+        return 0.5 * sum((jnp.sum(part**2) for part in residuals(unknowns, problem)), jnp.zeros(()))
 
     gradient = jax.grad(objective)(found)
     root = jnp.sqrt(problem.weights)

@@ -21,7 +21,7 @@ from ._result import OrthogonalFit, OrthogonalStep, OrthogonalStop
 from ._round import Fitted, begin, improve
 
 DEFAULT_LATTICE = (3, 3)
-LOOSE_ITERATIONS = 4  # of a step of the adaptive loop: enough to mark by
+LOOSE_ITERATIONS = 6  # of a step of the adaptive loop: enough to mark by
 NEAR = 4.0  # tolerances within which foot points are trusted
 
 
@@ -125,6 +125,7 @@ def _adaptive(
             history[-1] = _step(setting, len(history) - 1, fitted)
             refinement, stage, stop = refined(fitted, scaled, stage, budget, len(history) - 1)
         if refinement is None:
+            assert stop is not None
             return fitted, stop, tuple(history)
         fitted = _approached(setting, fitted.over(refinement), scaled, few)
         history.append(_step(setting, len(history), fitted))

@@ -1,15 +1,17 @@
 """Effective degrees of freedom: the trace of what takes the points' normal distances to the fitted surface's."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from ..fitting import lstsq
 from ..space import to_device
+from ..surface import make_surface
 from ._methods import AbstractFreeMethod, AbstractMethod
 from ._prepare import pose
 from ._problem import FootProblem, Unknowns
-from ._round import Fitted
+from ._round import Fitted, beginning
 from ._solve import MOST_DENSE, solve, trace_of_damping
 from ._system import assemble, dense, multiply
 
@@ -23,14 +25,11 @@ def degrees_of_freedom(fitted: Fitted, method: AbstractMethod, smoothing: float)
     request = fitted.request
     parameters = np.asarray(fitted.feet.parameters)
     problem = pose(fitted.surface, request.scaled, fitted.weights, parameters, method, smoothing, request.frame.extent)
-    unknowns = Unknowns(jnp.zeros_like(problem.hold), fitted.feet.parameters)
-    return float(_trace(problem, unknowns))
+    return float(_trace(problem, beginning(problem, parameters)))
 
 
 def _trace(problem: FootProblem, unknowns: Unknowns) -> Array:
     """The trace for a free method."""
-    import equinox as eqx
-
     bare = eqx.tree_at(lambda one: one.smoothing, problem, jnp.zeros_like(problem.smoothing))
     summed = eqx.filter_jit(assemble)
     data, whole = summed(bare, unknowns), summed(problem, unknowns)
@@ -62,7 +61,5 @@ def _of_parametric(fitted: Fitted, smoothing: float) -> float:
         smoothing=smoothing,
         extent=request.frame.extent,
     )
-    from ..surface import make_surface
-
     values = np.asarray(make_surface(space, points)(request.parameters))
     return float(np.sum(signs * root[:, None] * values) / 3)

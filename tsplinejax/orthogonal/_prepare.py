@@ -16,6 +16,7 @@ from ._problem import FootProblem
 
 LEAST_PADDED = 256
 BAND = 1 << 15
+LEAST_LENGTH = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,7 @@ def pose(
     smoothing: float,
     extent: tuple[float, float],
 ) -> FootProblem:
-    """The problem of a fit that starts from a surface, all in the fit's own scale."""
+    """The problem of a fit that starts from a surface, all in the fit's own scale; points are padded without weight."""
     space, dtype = surface.space, surface.space.dtype
     n, r = int(space.n_functions), method.components
     count = padded_count(n, space.capacity)
@@ -195,8 +196,20 @@ def pose(
     hold = np.zeros((count, r))
     hold[:, 1:] = method.hold * np.maximum(mass, 1e-6 * mass.mean())[:, None]
     sides = np.asarray(extent) / np.sqrt(np.prod(extent))
-    arrays = (points, weights, reference, directions, mass, hold, np.asarray(smoothing), sides)
+    length = padded_length(len(points))
+    rows = pad(points, length, points[0]), pad(weights, length, 0)
+    arrays = (*rows, reference, directions, mass, hold, np.asarray(smoothing), sides)
     return FootProblem(space, *(to_device(array, dtype) for array in arrays))
+
+
+def padded_length(m: int) -> int:
+    """Points are padded by a quarter at most, so that clouds of about one size share their kernels.
+
+    >>> padded_length(100), padded_length(10_000)
+    (4096, 10240)
+    """
+    step = max(LEAST_LENGTH, 1 << max(m.bit_length() - 3, 0))
+    return -(-m // step) * step
 
 
 def masses(space: SplineSpace, parameters: np.ndarray, weights: np.ndarray) -> Float[np.ndarray, " n"]:

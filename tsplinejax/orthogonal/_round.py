@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..mesh import TMesh
-from ..space import SplineSpace
+from ..space import SplineSpace, pad, to_device
 from ..surface import Projection, TSpline, make_surface, project, transfer
 from ._descent import minimise
 from ._methods import AbstractFreeMethod, AbstractMethod, AbstractRobust, Huber
 from ._prepare import Request, parametric, pose
-from ._problem import Unknowns
+from ._problem import FootProblem, Unknowns
 
 START_ROUNDS, ROUNDS = 4, 12  # of robust weights, at the start and at most
 ROUND_ITERATIONS = 5
@@ -114,14 +114,20 @@ def _improved(first: Fitted, method: AbstractMethod, smoothing: float, iteration
         smoothing,
         request.frame.extent,
     )
-    start = Unknowns(jnp.zeros_like(problem.hold), first.feet.parameters)
+    start = beginning(problem, np.asarray(first.feet.parameters))
     unknowns, trace, settled = minimise(problem, start, method.steps_by, iterations)
     n = int(first.surface.space.n_functions)
     surface = make_surface(first.surface.space, problem.control_points(unknowns.moves)[:n])
-    feet = _feet(surface, request, np.asarray(unknowns.parameters))
+    feet = _feet(surface, request, np.asarray(unknowns.parameters)[: len(request.points)])
     count = min(int(trace.count), len(trace.objective))
     objective, gradient = (np.asarray(part, np.float64)[:count] for part in (trace.objective, trace.gradient))
     return replace(first, surface=surface, feet=feet, objective=objective, gradient=gradient, settled=settled)
+
+
+def beginning(problem: FootProblem, parameters: np.ndarray) -> Unknowns:
+    """No moves yet; padded points have the first one's place, and settle with it."""
+    padded = pad(parameters, len(problem.points), parameters[0])
+    return Unknowns(jnp.zeros_like(problem.hold), to_device(padded, np.dtype(problem.points.dtype)))
 
 
 def _feet(surface: TSpline, request: Request, parameters: np.ndarray) -> Projection:

@@ -8,6 +8,8 @@ together on the device; those that have not settled after a few steps go on by t
 Derivatives come from the implicit function theorem: at a foot point g = S_uᵀ (S - x) = 0, so du = -(∂g/∂u)⁻¹ dg.
 """
 
+from collections.abc import Callable
+from functools import partial
 from math import ceil, sqrt
 from typing import Any
 
@@ -24,6 +26,7 @@ from ..space import SplineSpace, capacity_for, pad, to_device
 from ._evaluate import bezier_points, jet
 from ._parameters import check_parameters, real_array
 from ._tspline import TSpline
+from ._two import held, invert_two, multiply_two
 
 CHUNK = 1 << 15
 FIRST_STEPS = 6  # enough for nearly all points of a chunk
@@ -190,27 +193,26 @@ def _search(
     rest = np.arange(len(host))
     for steps in (min(FIRST_STEPS, max_iterations), max_iterations - FIRST_STEPS):
         if steps > 0 and len(rest):
-            parameters[rest], converged[rest] = _in_chunks(
-                placed, local[rest], parameters[rest], tolerance * size, steps
-            )
+            limits = np.asarray(tolerance * size, dtype), np.int32(steps)
+            kernel = partial(_settle, placed, limits)
+            parameters[rest], converged[rest] = _of_chunks(kernel, local[rest], parameters[rest])
             rest = np.flatnonzero(~converged)
     return to_device(parameters), to_device(converged)
 
 
-def _in_chunks(
-    placed: Placed, points: np.ndarray, start: np.ndarray, tolerance: float, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same kernel for every chunk; a last, short one is padded to a capacity."""
+def _of_chunks(
+    kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], points: np.ndarray, parameters: np.ndarray
+) -> list[np.ndarray]:
+    """The same kernel for every chunk of rows; a short one is padded to a capacity."""
     parts = []
-    for first in range(0, len(points), CHUNK):
+    for first in range(0, max(len(points), 1), CHUNK):
         rows = slice(first, first + CHUNK)
         m = len(points[rows])
         length = min(CHUNK, capacity_for(m))
         # Padding repeats the first row, which settles with the others.
-        chunk, begin = (pad(array[rows], length, array[rows][0]) for array in (points, start))
-        found = _settle(placed, chunk, begin, np.asarray(tolerance, points.dtype), np.int32(steps))
-        parts.append([np.asarray(part)[:m] for part in found])
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        chunk, begin = (pad(array[rows], length, array[first] if m else 0) for array in (points, parameters))
+        parts.append([np.asarray(part)[:m] for part in kernel(chunk, begin)])
+    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 
 def _search_traced(
@@ -230,7 +232,7 @@ def _search_traced(
         known = placed.jet(places)[0]
         nearest = jax.lax.map(lambda x: jnp.argmin(jnp.sum((known - x) ** 2, axis=1)), local, batch_size=256)
         start = places[nearest]
-    return _settle(placed, local, start, tolerance * size, jnp.int32(max_iterations))
+    return _settle(placed, (tolerance * size, jnp.int32(max_iterations)), local, start)
 
 
 def sample_places(space: SplineSpace) -> Float[np.ndarray, "k 2"]:
@@ -259,9 +261,9 @@ def _size(points: np.ndarray, surface: TSpline, known: np.ndarray | None) -> flo
 
 def _nearest(known: Any, points: np.ndarray) -> np.ndarray:
     """Index of the nearest known point of each point."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    return cKDTree(known, balanced_tree=False, compact_nodes=False).query(points, workers=-1)[1]
+    return KDTree(known, balanced_tree=False, compact_nodes=False).query(points, workers=-1)[1]
 
 
 class Search(eqx.Module):
@@ -278,12 +280,13 @@ class Search(eqx.Module):
 
 @jax.jit
 def _settle(
-    placed: Placed, points: Float[Array, "m 3"], start: Float[Array, "m 2"], tolerance: Array, steps: Array
+    placed: Placed, limits: tuple[Any, Any], points: Float[Array, "m 3"], start: Float[Array, "m 2"]
 ) -> tuple[Float[Array, "m 2"], Bool[Array, " m"]]:
-    """Move all points' parameters until every step is shorter than `tolerance`, or for so many steps."""
-    first = _measured(placed, points, start)
+    """Move all points' parameters until every step is shorter than a length, or for so many steps (the limits)."""
+    tolerance, steps = limits
+    square, gradient, metric, hessian = _measured(placed, points, start)
     blank = jnp.zeros(len(start), bool)
-    search = Search(start, *first, jnp.zeros_like(first[0]), blank)
+    search = Search(start, square, gradient, metric, hessian, jnp.zeros_like(square), blank)
 
     def iterate(state: tuple[Search, Array]) -> tuple[Search, Array]:
         search, k = state
@@ -291,8 +294,8 @@ def _settle(
         settled = search.settled | (length <= tolerance)
         tried = jnp.clip(search.parameters + step, 0, 1)
         square, *rest = _measured(placed, points, tried)
-        # The last step of a settled point is still taken: it squares the error.
-        better = (square <= search.square) & ~search.settled
+        # The last step of a settled point is still taken: it squares the error. Rounding does not count as a rise.
+        better = (square <= (1 + 64 * jnp.finfo(square.dtype).eps) * search.square) & ~search.settled
         keep = (square, *rest)
         old = (search.square, search.gradient, search.metric, search.hessian)
         chosen = [jnp.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(keep, old, strict=True)]
@@ -343,26 +346,6 @@ def _determinant(form: Float[Array, "m 3"]) -> Float[Array, " m"]:
     return form[:, 0] * form[:, 2] - form[:, 1] ** 2
 
 
-def held(parameters: Float[Array, "m 2"], gradient: Float[Array, "m 2"]) -> Bool[Array, "m 2"]:
-    """Parameters on the border of the square that descent along the gradient would push out of it."""
-    return ((parameters <= 0) & (gradient > 0)) | ((parameters >= 1) & (gradient < 0))
-
-
-def invert_two(form: Float[Array, "*m 3"], fixed: Bool[Array, "*m 2"]) -> Float[Array, "*m 3"]:
-    """Inverses of symmetric 2 × 2 matrices (a, b, c), zero in the fixed unknowns; finite where they are singular."""
-    a, c = (jnp.where(fixed[..., k], 1, form[..., 2 * k]) for k in range(2))
-    b = jnp.where(fixed[..., 0] | fixed[..., 1], 0, form[..., 1])
-    floor = jnp.maximum(jnp.finfo(form.dtype).eps * a * c, jnp.finfo(form.dtype).tiny)
-    inverse = jnp.stack([c, -b, a], axis=-1) / jnp.maximum(a * c - b * b, floor)[..., None]
-    free = ~fixed
-    return inverse * jnp.stack([free[..., 0], free[..., 0] & free[..., 1], free[..., 1]], axis=-1)
-
-
-def multiply_two(form: Float[Array, "*m 3"], load: Float[Array, "*m 2"]) -> Float[Array, "*m 2"]:
-    """Products of symmetric 2 × 2 matrices (a, b, c) and vectors."""
-    return form[..., :2] * load[..., :1] + form[..., 1:] * load[..., 1:]
-
-
 def _at_feet(surface: TSpline, points: Any, parameters: Array, converged: Array) -> Projection:
     """Feet, normals and distances, differentiable by one more Newton step whose matrix is held fixed."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((surface, points)))
@@ -370,10 +353,8 @@ def _at_feet(surface: TSpline, points: Any, parameters: Array, converged: Array)
         host = np.asarray(points, np.float64)
         offset = host.mean(axis=0) if len(host) else np.zeros(3)
         placed, local = _placed(surface, offset), (host - offset).astype(surface.space.dtype)
-        parts = [_details(placed, local[k : k + CHUNK], parameters[k : k + CHUNK]) for k in range(0, len(host), CHUNK)]
-        if not parts:
-            parts = [_details(placed, local, parameters)]
-        feet, normals, distances, beyond = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+        found = _of_chunks(partial(_details, placed), local, np.asarray(parameters))
+        feet, normals, distances, beyond = (to_device(part) for part in found)
         return Projection(parameters, feet + jnp.asarray(offset, feet.dtype), normals, distances, beyond, converged)
     points = jnp.asarray(points, surface.space.dtype)
     offset = jax.lax.stop_gradient(points.mean(axis=0))
