@@ -22,7 +22,7 @@ from ._measured import checked, measured
 #: Rays over half a turn, how many of the refined ones lie on each side of the best, and how often it is refined.
 _RAYS, _FINER, _ROUNDS = 720, 8, 2
 #: The pixels about a place, by which a picture is interpolated, and how far each is from each.
-_NODES = np.arange(-2, 4)
+_NODES = np.arange(-2, 4, dtype=np.int32)
 _APART = _NODES[:, None] - _NODES
 _ON_LINE = 1e-4  # a place this part of a pixel from a line of pixels lies on it
 
@@ -169,7 +169,7 @@ def _along(picture: Float[Array, "rows columns"], steps: Float[Array, "m 2"]) ->
     rows, columns = picture.shape
     place = steps + jnp.array([rows // 2, columns // 2], steps.dtype)
     corner = jnp.floor(place)
-    row, column = corner.astype(int).T
+    row, column = corner.astype(jnp.int32).T
     inside = (row >= 2) & (row < rows - 3) & (column >= 2) & (column < columns - 3)
     row, column = (jnp.where(inside, index, 2)[:, None, None] for index in (row, column))
     values = picture[row + _NODES[:, None], column + _NODES]
