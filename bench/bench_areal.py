@@ -1,4 +1,4 @@
-"""Areal parameters beside two peers', what missing pixels do to them, and how long 10⁷ pixels take.
+"""Areal parameters beside two peers', what missing pixels do to them, and the time for 10⁷ pixels.
 
 Peers: the difference from surfalize's value on complete maps, and the largest from SurfaceTopography's. Bias: the
 change of each parameter when a fifth of a surface is hidden: pixels at random, or the steepest ones, as an optical
@@ -7,8 +7,11 @@ one of the two is not defined or the value is zero.
 
 surfalize (GPL-3) is no dependency of this project, and without it its columns are empty. To compare, install it beside:
 `pip install --target DIRECTORY surfalize`, then run with DIRECTORY appended to PYTHONPATH.
+
+    python bench/bench_areal.py [peers] [bias] [time]
 """
 
+import sys
 import time
 import warnings
 from typing import Any
@@ -156,23 +159,30 @@ def rounded(value: float | None) -> float | None:
 
 
 def seconds() -> float:
-    """The quickest of several runs on one large map, compiled before."""
+    """Processor seconds of the quickest of several runs on one large map, compiled before; all cores together."""
     surface = HeightMap(np.random.default_rng(0).normal(size=PIXELS), (1.0, 1.0), "µm")
     areal_parameters(surface)
     times = []
     for _ in range(REPEATS):
-        start = time.perf_counter()
+        start = time.process_time()
         areal_parameters(surface)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
 def main() -> None:
-    """Peers, bias, time."""
+    """The parts that are named on the command line, or all."""
+    parts = sys.argv[1:] or ["peers", "bias", "time"]
+    if "time" in parts:
+        keep("areal_time", [{"pixels": PIXELS[0] * PIXELS[1], "processor seconds": seconds()}])
+    if not {"peers", "bias"} & set(parts):
+        return
     complete = {name: (surface, areal_parameters(surface).values) for name, surface in surfaces().items()}
     names = list(next(iter(complete.values()))[1])
-    keep("areal_peers", rows(peer_columns(complete), names), peers=("surfalize", "SurfaceTopography"))
-    keep("areal", rows(bias_columns(complete), names), seconds_for_ten_million_pixels=seconds())
+    if "peers" in parts:
+        keep("areal_peers", rows(peer_columns(complete), names), peers=("surfalize", "SurfaceTopography"))
+    if "bias" in parts:
+        keep("areal", rows(bias_columns(complete), names))
 
 
 if __name__ == "__main__":

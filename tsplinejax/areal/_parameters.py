@@ -162,7 +162,7 @@ def _resolved(
 ) -> tuple[np.ndarray, tuple[float, float] | None, str | None]:
     """Heights, spacing (none for scattered samples) and unit."""
     unit = canonical_unit(unit)
-    if not isinstance(data, HeightMap) and np.ndim(data) == 1 and not isinstance(data, tuple):
+    if not isinstance(data, HeightMap | tuple) and np.ndim(data) == 1:
         if spacing is not None:
             raise InputError("scattered samples, (m,), have no spacing; give a map as a 2-D array")
         return HeightMap(np.atleast_2d(data)).heights[0], None, unit

@@ -22,8 +22,9 @@ from ._measured import checked, measured
 #: Rays over half a turn, how many of the refined ones lie on each side of the best, and how often it is refined.
 _RAYS, _FINER, _ROUNDS = 720, 8, 2
 #: The pixels about a place, by which a picture is interpolated, and how far each is from each.
-_NODES = np.arange(-2, 4)
+_NODES = np.arange(-2, 4, dtype=np.int32)
 _APART = _NODES[:, None] - _NODES
+_ON_LINE = 1e-4  # a place this part of a pixel from a line of pixels lies on it
 
 
 class SpatialParameters(NamedTuple):
@@ -162,20 +163,25 @@ def _half_pixel(spacing: tuple[Array, Array], angle: Array) -> tuple[Array, Arra
 def _along(picture: Float[Array, "rows columns"], steps: Float[Array, "m 2"]) -> Float[Array, " m"]:
     """The picture at places (down, right) from its middle, NaN beyond.
 
-    Polynomials of fifth degree through 6 × 6 pixels, kept between the four that surround the place: where those lie
+    Polynomials of fifth degree through 6 × 6 pixels, kept between those that surround the place: where those lie
     above a threshold, so does what is between them, however sharp the peak of noise at lag zero.
     """
     rows, columns = picture.shape
     place = steps + jnp.array([rows // 2, columns // 2], steps.dtype)
     corner = jnp.floor(place)
-    row, column = corner.astype(int).T
+    row, column = corner.astype(jnp.int32).T
     inside = (row >= 2) & (row < rows - 3) & (column >= 2) & (column < columns - 3)
     row, column = (jnp.where(inside, index, 2)[:, None, None] for index in (row, column))
     values = picture[row + _NODES[:, None], column + _NODES]
-    down, right = (_polynomials(part) for part in (place - corner).T)
+    parts = (place - corner).T
+    down, right = (_polynomials(part) for part in parts)
     value = jnp.sum(down[:, :, None] * right[:, None, :] * values, axis=(1, 2))
-    around = values[:, 2:4, 2:4]
-    return jnp.where(inside, jnp.clip(value, jnp.min(around, axis=(1, 2)), jnp.max(around, axis=(1, 2))), jnp.nan)
+    # On a line of pixels the neighbours on both sides surround the place: the picture's mirror image gives the same.
+    above, beside = (jnp.abs(part[:, None] - _NODES) <= 1 + _ON_LINE for part in parts)
+    around = above[:, :, None] & beside[:, None, :]
+    least = jnp.min(jnp.where(around, values, jnp.inf), axis=(1, 2))
+    most = jnp.max(jnp.where(around, values, -jnp.inf), axis=(1, 2))
+    return jnp.where(inside, jnp.clip(value, least, most), jnp.nan)
 
 
 def _polynomials(t: Float[Array, " m"]) -> Float[Array, "m 6"]:
