@@ -8,6 +8,7 @@ headlines of them. Pictures are drawn from the same results.
 
 import ast
 import json
+import re
 from pathlib import Path
 from typing import Any
 

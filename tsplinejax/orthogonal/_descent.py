@@ -15,10 +15,11 @@ from jaxtyping import Array, Float, Int
 from .._errors import InputError
 from ._problem import FootProblem, Unknowns, residuals
 from ._solve import solve, trace_of_damping
-from ._system import NormalSystem, assemble, follow
+from ._system import NormalSystem, assemble, bend_of_path, follow, settle
 
 MOST_STEPS = 256  # that a history holds
-GENTLE = 1e-3  # damping of a guarded step of half the size, relative to the mass a control point sees
+MOST_BEND = 0.4  # of a step, as a share of its straight part
+LARGE, LARGEST = 1e6, 1e12  # sizes of a guarded step: one over its damping
 
 
 class Trace(eqx.Module):
@@ -46,12 +47,15 @@ class Elimination(eqx.Module):
     """optimistix's `AbstractDescent` for orthogonal distance fitting: Gauss-Newton steps, damped where too far.
 
     Damping acts on the control points only, in proportion to the points each of them sees: damped parameters would no
-    longer leave n nᵀ behind. A step of size σ has the damping 1/σ (Levenberg-Marquardt), or a trace of
-    1/σ - 1, none for σ = 1.
+    longer leave n nᵀ behind. A damped step of size σ has the damping 1/σ; a trace of it makes steps shortest where
+    control points may slide freely and the matrix is singular. There the way to the solution is a narrow, bent valley:
+    `curved` steps follow it to second order (geodesic acceleration; M. K. Transtrum and J. P. Sethna,
+    arXiv:1201.5885, 2012).
     """
 
     problem: FootProblem
-    always_damped: bool = eqx.field(static=True)
+    damped: bool = eqx.field(static=True)
+    curved: bool = eqx.field(static=True)
 
     def init(self, y: Unknowns, f_info_struct: Any) -> Prepared:
         """A state of the right shape."""
@@ -71,23 +75,31 @@ class Elimination(eqx.Module):
         import optimistix
 
         problem = self.problem
-        size = jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
-        damping = 1 / size if self.always_damped else GENTLE * (1 / size - 1)
-        damping = damping + trace_of_damping(np.dtype(problem.points.dtype))
-        moves = -solve(state.system, problem.hold + damping * _mass(problem), state.system.gradient)
-        return Unknowns(moves, follow(problem, state.unknowns, moves)), optimistix.RESULTS.successful
+        damping = trace_of_damping(np.dtype(problem.points.dtype))
+        if self.damped:
+            damping = damping + 1 / jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
+        hold = problem.hold + damping * _mass(problem)
+        moves = -solve(state.system, hold, state.system.gradient)
+        change = follow(problem, state.unknowns, moves)
+        if self.curved:
+            bend = -0.5 * solve(state.system, hold, bend_of_path(problem, state.unknowns, moves, change))
+            near = jnp.linalg.norm(bend) <= MOST_BEND * jnp.linalg.norm(moves)
+            moves = moves + jnp.where(near, bend, 0)
+            change = follow(problem, state.unknowns, moves)
+        feet = settle(problem, state.unknowns.moves + moves, state.unknowns.parameters + change)
+        return Unknowns(moves, feet - state.unknowns.parameters), optimistix.RESULTS.successful
 
 
 class Guard(eqx.Module):
-    """optimistix's `AbstractSearch` that takes whole steps and accepts none that raises the objective.
+    """optimistix's `AbstractSearch` that accepts no step that raises the objective.
 
-    A step that does is tried again at a tenth of its size; after one that does not the size grows again, to one.
-    Rounding does not count as a rise.
+    Steps are all but whole at first. One that raises the objective is tried again at a tenth of its size, with ten
+    times the damping; after one that does not the size grows as much. Rounding does not count as a rise.
     """
 
     def init(self, y: Unknowns, f_info_struct: Any) -> Array:
-        """The first step is a whole one."""
-        return jnp.ones((), y.moves.dtype)
+        """The first step is all but whole."""
+        return jnp.full((), LARGE, y.moves.dtype)
 
     def step(
         self, first_step: Array, y: Unknowns, y_eval: Unknowns, f_info: Any, f_eval_info: Any, state: Array
@@ -97,8 +109,8 @@ class Guard(eqx.Module):
 
         rounding = 1 + 1e3 * jnp.finfo(state.dtype).eps
         accept = first_step | (f_eval_info.as_min() <= rounding * f_info.as_min())
-        size = jnp.where(first_step, 1.0, jnp.where(accept, jnp.minimum(10 * state, 1.0), 0.1 * state))
-        return size.astype(state.dtype), accept, optimistix.RESULTS.successful, size.astype(state.dtype)
+        size = jnp.where(first_step, state, jnp.where(accept, jnp.minimum(10 * state, LARGEST), 0.1 * state))
+        return size, accept, optimistix.RESULTS.successful, size
 
 
 def _mass(problem: FootProblem) -> Float[Array, "n 1"]:
@@ -122,7 +134,9 @@ def eliminating(solver: Any, problem: FootProblem) -> Any:
             "a solver is optimistix.GaussNewton(rtol, atol) or optimistix.LevenbergMarquardt(rtol, atol); received "
             f"{type(solver).__name__}; leave it out for Gauss-Newton"
         )
-    parts: tuple[Any, ...] = (Elimination(problem, isinstance(solver, optx.LevenbergMarquardt)),)
+    slides = bool((problem.hold == 0).all()) and problem.hold.shape[1] > 1
+    descent = Elimination(problem, guarded or isinstance(solver, optx.LevenbergMarquardt), guarded and slides)
+    parts: tuple[Any, ...] = (descent,)
     if guarded:
         parts = (*parts, Guard())
         return eqx.tree_at(lambda one: (one.descent, one.search), solver, parts)

@@ -125,7 +125,7 @@ def _problem(
     hold = np.zeros((len(mass), 3))
     hold[:, 1:] = method.hold * np.maximum(mass, 1e-6 * mass.mean())[:, None]
     directions = directions_of(make_surface(space, control_points), 3)
-    arrays = (points, weights, control_points, directions, mass, hold, smoothing, np.ones(2))
+    arrays = (points, weights, control_points, directions, mass, hold, smoothing, np.ones(2), 0.0)
     return FootProblem(space, *(jnp.asarray(part, dtype) for part in arrays))
 
 

@@ -16,6 +16,7 @@ from ._problem import FootProblem
 
 LEAST_PADDED = 256
 BAND = 1 << 15
+REACH = 0.05  # of the parameters of surfaces that slide freely, beyond the square
 LEAST_LENGTH = 1 << 12
 
 
@@ -198,7 +199,8 @@ def pose(
     sides = np.asarray(extent) / np.sqrt(np.prod(extent))
     length = padded_length(len(points))
     rows = pad(points, length, points[0]), pad(weights, length, 0)
-    arrays = (*rows, reference, directions, mass, hold, np.asarray(smoothing), sides)
+    reach = REACH if r > 1 and method.hold == 0 else 0.0
+    arrays = (*rows, reference, directions, mass, hold, np.asarray(smoothing), sides, reach)
     return FootProblem(space, *(to_device(array, dtype) for array in arrays))
 
 

@@ -9,11 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..fitting import energy_grams, energy_scales
 from ..space import SplineSpace, bernstein
-from ..surface import bezier_points
+from ..surface import bezier_points, held
 
 CHUNK = 1 << 12
 
@@ -37,6 +37,8 @@ class FootProblem(eqx.Module):
     - `mass`: Σ_j w_j b_i(u_j), the weight of the points each control point sees.
     - `hold`: weight of each component of a move.
     - `smoothing`, `sides`: λ, and the parameter square's sides for the bending energy.
+    - `reach`: how far beyond the square parameters may go, where the surface goes on as its border's polynomials: a
+      surface that slides freely moves its border, too.
     """
 
     space: SplineSpace
@@ -48,6 +50,15 @@ class FootProblem(eqx.Module):
     hold: Float[Array, "n r"]
     smoothing: Float[Array, ""]
     sides: Float[Array, " 2"]
+    reach: Float[Array, ""]
+
+    def within(self, parameters: Float[Array, "m 2"]) -> Float[Array, "m 2"]:
+        """Parameters no farther out than they may go."""
+        return jnp.clip(parameters, -self.reach, 1 + self.reach)
+
+    def held(self, parameters: Float[Array, "m 2"], gradient: Float[Array, "m 2"]) -> Bool[Array, "m 2"]:
+        """Parameters that can go no farther in the direction of descent."""
+        return held((parameters + self.reach) / (1 + 2 * self.reach), gradient)
 
     def control_points(self, moves: Float[Array, "n r"]) -> Float[Array, "n 3"]:
         """Where moves take the control points."""
@@ -91,7 +102,7 @@ def jets(
     pieces = bezier_points(space.tables, control).reshape(-1, 4, 12)
 
     def of_chunk(places: Float[Array, "chunk 2"]) -> tuple[Array, ...]:
-        element = space.locator(places)
+        element = space.locator(jnp.clip(places, 0, 1))
         size = space.tables.size[element]
         local = (places - space.tables.corner[element]) / size
         return piece_jets(pieces[element], local[:, None], size[:, None], order)

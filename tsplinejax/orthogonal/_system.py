@@ -10,16 +10,18 @@ length, each of one element; the number of blocks is known only on the device, t
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..fitting import bernstein_mass, element_energy, in_turns
 from ..space import bernstein, bernstein6
-from ..surface import bezier_points, held, invert_two, multiply_two
+from ..surface import bezier_points, invert_two, multiply_two
 from ._problem import FootProblem, Unknowns, jets, piece_jets
 
 LANES = 32
+FOOT_STEPS = 3
 BLOCKS = 256  # in one turn: what it needs stays in the cache
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -103,7 +105,7 @@ def _moments(
     tables = problem.space.tables
     pieces = bezier_points(tables, control).reshape(-1, 4, 12)
     count = len(tables.functions)
-    blocks = _sorted(problem.space.locator(parameters), count)
+    blocks = _sorted(problem.space.locator(jnp.clip(parameters, 0, 1)), count)
 
     def turn(first: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         element, index, real = blocks.lanes(first + jnp.arange(BLOCKS))
@@ -112,7 +114,7 @@ def _moments(
         local = (place - tables.corner[element][:, None]) / size
         weights = jnp.where(real, problem.weights[index], 0)
         found = piece_jets(pieces[element], local, size, 1)
-        forms, pulls = _projected(found, problem.points[index], place, weights)
+        forms, pulls = _projected(problem, found, problem.points[index], place, weights)
         six_s, six_t = (jnp.swapaxes(bernstein6(local[..., k]), 1, 2) for k in range(2))
         cubic_s, cubic_t = (jnp.swapaxes(bernstein(local[..., k]), 1, 2) for k in range(2))
         mass, load = carry
@@ -131,12 +133,12 @@ def _outer(along_s: Array, along_t: Array, values: Array) -> Array:
 
 
 def _projected(
-    found: tuple[Array, ...], points: Array, parameters: Array, weights: Array
+    problem: FootProblem, found: tuple[Array, ...], points: Array, parameters: Array, weights: Array
 ) -> tuple[Float[Array, "b lanes 6"], Float[Array, "b lanes 3"]]:
     """w Q, its upper triangle, and w Q r."""
     S, S_s, S_t = found
     r = S - points
-    _, inverse = _block(r, S_s, S_t, parameters)
+    _, inverse = _block(problem, r, S_s, S_t, parameters)
     a, b, c = (inverse[..., k, None] for k in range(3))
     left_s, left_t = a * S_s + b * S_t, b * S_s + c * S_t
     columns = [(1.0 if i == j else 0.0) - left_s[..., i] * S_s[..., j] - left_t[..., i] * S_t[..., j] for i, j in UPPER]
@@ -145,7 +147,9 @@ def _projected(
     return weights[..., None] * Q, weights[..., None] * pulls
 
 
-def _block(r: Array, S_s: Array, S_t: Array, parameters: Array) -> tuple[Float[Array, "*m 2"], Float[Array, "*m 3"]]:
+def _block(
+    problem: FootProblem, r: Array, S_s: Array, S_t: Array, parameters: Array
+) -> tuple[Float[Array, "*m 2"], Float[Array, "*m 3"]]:
     """Gradient Jᵀ r and inverse of Jᵀ J of every point; held parameters have a row and column of zeros."""
 
     def dot(a: Array, b: Array) -> Array:
@@ -153,7 +157,7 @@ def _block(r: Array, S_s: Array, S_t: Array, parameters: Array) -> tuple[Float[A
 
     gradient = jnp.stack([dot(r, S_s), dot(r, S_t)], axis=-1)
     form = jnp.stack([dot(S_s, S_s), dot(S_s, S_t), dot(S_t, S_t)], axis=-1)
-    return gradient, invert_two(form, held(parameters, gradient))
+    return gradient, invert_two(form, problem.held(parameters, gradient))
 
 
 def follow(problem: FootProblem, unknowns: Unknowns, step: Float[Array, "n r"]) -> Float[Array, "m 2"]:
@@ -161,9 +165,45 @@ def follow(problem: FootProblem, unknowns: Unknowns, step: Float[Array, "n r"]) 
     space, parameters = problem.space, unknowns.parameters
     S, S_s, S_t = jets(space, problem.control_points(unknowns.moves), parameters, 1)
     change = jets(space, problem.displacements(step), parameters, 0)[0]
-    gradient, inverse = _block(S - problem.points, S_s, S_t, parameters)
+    gradient, inverse = _block(problem, S - problem.points, S_s, S_t, parameters)
     extra = jnp.stack([jnp.sum(change * S_s, axis=1), jnp.sum(change * S_t, axis=1)], axis=1)
-    return jnp.clip(parameters - multiply_two(inverse, gradient + extra), 0, 1) - parameters
+    return problem.within(parameters - multiply_two(inverse, gradient + extra)) - parameters
+
+
+def bend_of_path(
+    problem: FootProblem, unknowns: Unknowns, moves: Float[Array, "n r"], change: Float[Array, "m 2"]
+) -> Float[Array, "n r"]:
+    """Σ w b Q S̈ along each control point's directions: how the points' surface bends along a step, seen across it."""
+    space, parameters = problem.space, unknowns.parameters
+    control, shift = problem.control_points(unknowns.moves), problem.displacements(moves)
+
+    def velocity(time: Array) -> Array:
+        def place(time: Array) -> Array:
+            return jets(space, control + time * shift, parameters + time * change, 0)[0]
+
+        return jax.jvp(place, (time,), (jnp.ones_like(time),))[1]
+
+    start = jnp.zeros((), parameters.dtype)
+    bend = jax.jvp(velocity, (start,), (jnp.ones_like(start),))[1]
+    S, S_s, S_t = jets(space, control, parameters, 1)
+    _, inverse = _block(problem, S - problem.points, S_s, S_t, parameters)
+    along = jnp.stack([jnp.sum(bend * S_s, axis=1), jnp.sum(bend * S_t, axis=1)], axis=1)
+    slide = multiply_two(inverse, along)
+    across = problem.weights[:, None] * (bend - S_s * slide[:, :1] - S_t * slide[:, 1:])
+    (pull,) = jax.vjp(lambda c: jets(space, c, parameters, 0)[0], control)[1](across)
+    return jnp.einsum("ncr,nc->nr", problem.directions, pull, precision="highest")
+
+
+def settle(problem: FootProblem, moves: Float[Array, "n r"], parameters: Float[Array, "m 2"]) -> Float[Array, "m 2"]:
+    """A few steps of every point's own towards its foot on the moved surface: a long step takes them far off it."""
+    control = problem.control_points(moves)
+
+    def closer(_: Array, parameters: Array) -> Array:
+        S, S_s, S_t = jets(problem.space, control, parameters, 1)
+        gradient, inverse = _block(problem, S - problem.points, S_s, S_t, parameters)
+        return problem.within(parameters - multiply_two(inverse, gradient))
+
+    return jax.lax.fori_loop(0, FOOT_STEPS, closer, parameters)
 
 
 def multiply(system: NormalSystem, hold: Float[Array, "n r"], x: Float[Array, "n r"]) -> Float[Array, "n r"]:

@@ -263,7 +263,7 @@ def _nearest(known: Any, points: np.ndarray) -> np.ndarray:
     """Index of the nearest known point of each point."""
     from scipy.spatial import KDTree
 
-    return KDTree(known, balanced_tree=False, compact_nodes=False).query(points, workers=-1)[1]
+    return np.asarray(KDTree(known, balanced_tree=False, compact_nodes=False).query(points, workers=-1)[1])
 
 
 class Search(eqx.Module):
