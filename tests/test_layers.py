@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import tsplinejax
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "tsplinejax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -124,10 +126,12 @@ def test_host_packages_are_free_of_jax(layer):
 
 @pytest.mark.parametrize("path", MODULES, ids=_names(MODULES))
 def test_heavy_packages_are_imported_in_functions(path):
-    """No module imports a heavy package when it is imported itself, except for the type checker."""
+    """No module imports a heavy package when it is imported itself, except for the type checker; scipy is the ground
+    on which packages stand that load on demand.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     at_import = {name.split(".")[0] for name in _imported(path, _run_at_import(tree))}
-    assert not at_import & HEAVY
+    assert not at_import & (HEAVY - {"scipy"} if _layer(path) in tsplinejax._ON_DEMAND else HEAVY)
 
 
 def _loaded_by(statement: str) -> set[str]:
@@ -138,8 +142,21 @@ def _loaded_by(statement: str) -> set[str]:
 
 
 def test_import_loads_nothing_heavy():
-    """`import tsplinejax` is quick: plotting, file formats and nonlinear solvers load when first used."""
-    assert not _loaded_by("import tsplinejax") & HEAVY
+    """Library and command line start quickly: scipy, pictures, formats and nonlinear solvers load when first used."""
+    assert not _loaded_by("import tsplinejax.cli") & HEAVY
+
+
+def test_names_on_demand():
+    """What a type checker sees of the packages that load on demand is what they give, and each of it is there."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    (guarded,) = (node for node in tree.body if isinstance(node, ast.If))
+    shown = {node.module: {alias.asname for alias in node.names} for node in guarded.body}
+    assert shown == {package: set(names) for package, names in tsplinejax._ON_DEMAND.items()}
+    for package, names in tsplinejax._ON_DEMAND.items():
+        assert getattr(tsplinejax, package).__name__ == f"tsplinejax.{package}"
+        assert all(getattr(tsplinejax, name) is not None and name in dir(tsplinejax) for name in names)
+    with pytest.raises(AttributeError, match="no attribute 'remove_from'"):
+        tsplinejax.remove_from  # noqa: B018 -- a misspelt name
 
 
 def test_import_leaves_precision_alone():

@@ -1,21 +1,13 @@
-"""T-splines for surface metrology: locally refined, differentiable models of measured surfaces, on JAX."""
+"""T-splines for surface metrology: locally refined, differentiable models of measured surfaces, on JAX.
+
+Packages that a fit does not need are loaded when one of their names is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from ._errors import InputError as InputError, MissingExtraError as MissingExtraError
 from ._version import __version__ as __version__
-from .areal import ArealParameters as ArealParameters, areal_parameters as areal_parameters
-from .characterise import (
-    Cylinder as Cylinder,
-    FittedForm as FittedForm,
-    FormRemoval as FormRemoval,
-    Plane as Plane,
-    Polynomial as Polynomial,
-    Sphere as Sphere,
-    fit_form as fit_form,
-    l_filter as l_filter,
-    level as level,
-    remove_form as remove_form,
-    s_filter as s_filter,
-)
 from .codec import compress as compress, decompress as decompress, load as load, save as save
 from .data import (
     Frame as Frame,
@@ -54,16 +46,6 @@ from .mesh import (
     is_analysis_suitable as is_analysis_suitable,
     refine as refine,
 )
-from .orthogonal import (
-    Huber as Huber,
-    Joint as Joint,
-    Normal as Normal,
-    OrthogonalFit as OrthogonalFit,
-    Parametric as Parametric,
-    Tukey as Tukey,
-    fit_orthogonal as fit_orthogonal,
-)
-from .parameterisation import Parameterisation as Parameterisation, conformal as conformal, planar as planar
 from .space import SplineSpace as SplineSpace, spline_space as spline_space
 from .surface import (
     Projection as Projection,
@@ -74,3 +56,62 @@ from .surface import (
     project as project,
     transfer as transfer,
 )
+
+if TYPE_CHECKING:
+    from .areal import ArealParameters as ArealParameters, areal_parameters as areal_parameters
+    from .characterise import (
+        Cylinder as Cylinder,
+        FittedForm as FittedForm,
+        FormRemoval as FormRemoval,
+        Plane as Plane,
+        Polynomial as Polynomial,
+        Sphere as Sphere,
+        fit_form as fit_form,
+        l_filter as l_filter,
+        level as level,
+        remove_form as remove_form,
+        s_filter as s_filter,
+    )
+    from .orthogonal import (
+        Huber as Huber,
+        Joint as Joint,
+        Normal as Normal,
+        OrthogonalFit as OrthogonalFit,
+        Parametric as Parametric,
+        Tukey as Tukey,
+        fit_orthogonal as fit_orthogonal,
+    )
+    from .parameterisation import Parameterisation as Parameterisation, conformal as conformal, planar as planar
+
+_ON_DEMAND = {
+    "areal": ("ArealParameters", "areal_parameters"),
+    "characterise": (
+        "Cylinder",
+        "FittedForm",
+        "FormRemoval",
+        "Plane",
+        "Polynomial",
+        "Sphere",
+        "fit_form",
+        "l_filter",
+        "level",
+        "remove_form",
+        "s_filter",
+    ),
+    "orthogonal": ("Huber", "Joint", "Normal", "OrthogonalFit", "Parametric", "Tukey", "fit_orthogonal"),
+    "parameterisation": ("Parameterisation", "conformal", "planar"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a package, or the package that a name is from."""
+    for package, names in _ON_DEMAND.items():
+        if name == package:
+            return import_module(f".{package}", __name__)
+        if name in names:
+            return getattr(import_module(f".{package}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ON_DEMAND, *(name for names in _ON_DEMAND.values() for name in names)})

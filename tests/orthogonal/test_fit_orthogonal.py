@@ -135,7 +135,7 @@ def test_a_height_map_goes_in_directly():
     fit = tsj.fit_orthogonal(tsj.HeightMap(heights, (1.0, 1.0), "um"))
     assert len(fit.distances) == np.isfinite(heights).sum()
     assert np.abs(fit.distances).max() < 1e-6
-    assert "um" in repr(fit)
+    assert "µm" in repr(fit)
 
 
 def test_parameters_from_an_object():

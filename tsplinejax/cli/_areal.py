@@ -5,8 +5,6 @@ from typing import Any
 
 from .._errors import InputError
 from .._version import __version__
-from ..areal import areal_parameters
-from ..characterise import l_filter, level, s_filter
 from ..data import HeightMap
 from ..io._files import existing_file
 from ._arguments import add_command, add_data_options
@@ -31,6 +29,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Read, filter and level, measure."""
+    from ..areal import areal_parameters
+    from ..characterise import l_filter, level, s_filter
+
     existing_file(arguments.input)
     data = read_data(arguments.input, arguments)
     if not isinstance(data, HeightMap):
@@ -43,7 +44,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         value = getattr(arguments, option)
         data = data if value is None else operation(data, value)
     assert isinstance(data, HeightMap)
-    measured = areal_parameters(data)
+    measured = areal_parameters(data, spacing=data.spacing if arguments.spacing else None)
     values, units = dict(measured.values), dict(measured.units)
     operations = list(data.provenance.get("operations", ()))
     report = {

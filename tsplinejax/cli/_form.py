@@ -2,20 +2,23 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._errors import InputError
-from ..characterise import FittedForm, FormRemoval, remove_form
 from ..codec import save
 from ..data import HeightMap
 from ..io._files import existing_file, written_whole
 from ..plot import plot_form_removal
+from ..surface import TSpline
 from ._arguments import add_command, add_data_options, counts
 from ._files import checked_output, checked_picture, read_data, write_picture
 from ._operations import add_operations, simple_form_name
 from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quantity, table
+
+if TYPE_CHECKING:
+    from ..characterise import FormRemoval
 
 _ARRAYS, _MODELS = (".npz",), (".tspl",)
 
@@ -67,6 +70,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Read, separate, write."""
+    from ..characterise import remove_form
+
     target, model, picture = _checked_paths(arguments)
     existing_file(arguments.input)
     data = read_data(arguments.input, arguments)
@@ -86,7 +91,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     return Outcome(report, _lines(described(data), removal, report), code)
 
 
-def arrays(removal: FormRemoval) -> dict[str, np.ndarray]:
+def arrays(removal: "FormRemoval") -> dict[str, np.ndarray]:
     """What the output holds, by name."""
     names = ("points", "parameters", "form_points", "texture")
     held = {name: getattr(removal, name) for name in names}
@@ -125,9 +130,9 @@ def _options(arguments: argparse.Namespace, names: tuple[str, ...]) -> dict[str,
     return {name: getattr(arguments, name) for name in names}
 
 
-def _lines(data: str, removal: FormRemoval, report: dict[str, Any]) -> tuple[str, ...]:
+def _lines(data: str, removal: "FormRemoval", report: dict[str, Any]) -> tuple[str, ...]:
     unit, form = removal.unit, removal.form
-    kind = repr(form) if isinstance(form, FittedForm) else f"{removal.control_points} control points, {removal.method}"
+    kind = f"{removal.control_points} control points, {removal.method}" if isinstance(form, TSpline) else repr(form)
     rows = [
         ("data", data),
         ("form", f"{kind}, {removal.edf:.4g} effective degrees of freedom"),
@@ -147,7 +152,7 @@ def _lines(data: str, removal: FormRemoval, report: dict[str, Any]) -> tuple[str
     return table(rows)
 
 
-def _criterion(removal: FormRemoval) -> str:
+def _criterion(removal: "FormRemoval") -> str:
     if removal.tolerance is None:
         return ""
     met = "met" if removal.converged else "not met"

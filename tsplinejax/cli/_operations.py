@@ -3,7 +3,6 @@
 import argparse
 
 from .._errors import InputError
-from ..characterise import simple_form
 
 
 def add_operations(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +24,8 @@ def simple_form_name(text: str) -> str:
     >>> simple_form_name("poly4")
     'poly4'
     """
+    from ..characterise import simple_form
+
     try:
         return simple_form(text).name
     except InputError as error:

@@ -208,7 +208,7 @@ def padded_length(m: int) -> int:
     """Points are padded by a quarter at most, so that clouds of about one size share their kernels.
 
     >>> padded_length(100), padded_length(10_000)
-    (4096, 10240)
+    (4096, 12288)
     """
     step = max(LEAST_LENGTH, 1 << max(m.bit_length() - 3, 0))
     return -(-m // step) * step

@@ -296,13 +296,13 @@ def _settle(
         square, *rest = _measured(placed, points, tried)
         # The last step of a settled point is still taken: it squares the error. Rounding does not count as a rise.
         better = (square <= (1 + 64 * jnp.finfo(square.dtype).eps) * search.square) & ~search.settled
-        keep = (square, *rest)
-        old = (search.square, search.gradient, search.metric, search.hessian)
-        chosen = [jnp.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(keep, old, strict=True)]
+        old = (search.gradient, search.metric, search.hessian)
+        gradient, metric, hessian = (jnp.where(better[:, None], a, b) for a, b in zip(rest, old, strict=True))
+        square = jnp.where(better, square, search.square)
         damping = jnp.where(better, search.damping / 8, jnp.maximum(8 * search.damping, 0.5))
         damping = jnp.where(damping < 1e-3, 0, damping)
         parameters = jnp.where(better[:, None], tried, search.parameters)
-        return Search(parameters, *chosen, damping, settled), k + 1
+        return Search(parameters, square, gradient, metric, hessian, damping, settled), k + 1
 
     def unfinished(state: tuple[Search, Array]) -> Array:
         return (state[1] < steps) & ~jnp.all(state[0].settled)
