@@ -1,6 +1,7 @@
 """What the command line's tests share: small inputs, and a way to run a command in this process."""
 
 import json
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,14 @@ def _folder(tmp_path, monkeypatch):
     """Commands run in a folder of their own, and leave the user's cache alone."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TSPLINEJAX_CACHE", "off")
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C interrupts, as in a terminal, where the tests run in the background and would not hear it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

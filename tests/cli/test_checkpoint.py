@@ -26,6 +26,7 @@ def test_the_same_command_goes_on(command, report, height_map, tmp_path, monkeyp
     assert not (tmp_path / "fit.ckpt").exists()
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interrupting_leaves_model_and_checkpoint(command, report, height_map, tmp_path, monkeypatch):
     """After Ctrl-C the best model is written, and the next run goes on from the last step."""
 

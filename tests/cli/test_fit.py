@@ -138,6 +138,7 @@ def test_picture(report, height_map, tmp_path):
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interrupting_writes_the_best_model(command, height_map, monkeypatch, tmp_path):
     """Ctrl-C ends the fit with the best step so far: the model is written and the exit code is 1."""
     steps = []
