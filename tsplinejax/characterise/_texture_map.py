@@ -9,7 +9,7 @@ from scipy import ndimage
 from ..data import HeightMap, PointCloud
 from ..surface import TSpline
 from ._fit_form import FittedForm
-from ._forms import Formed
+from ._methods import Formed
 from ._removal import Distortion
 from ._triangulation import Triangulation, grid_for, triangulate
 

@@ -15,7 +15,7 @@ from ..surface import TSpline
 from ._absorbed import absorbed_share
 from ._filters import l_filter as filtered_long, level as levelled, require_scale, s_filter as filtered_short
 from ._fit_form import FittedForm, data_points
-from ._forms import METHODS, Formed, Task, given_form, in_height, orthogonal, simple
+from ._methods import METHODS, Formed, Task, given_form, in_height, orthogonal, simple
 from ._outward import checked_outward, outward_side
 from ._placing import Placed, placed
 from ._removal import Distortion, FormRemoval
@@ -224,6 +224,6 @@ def _distorted(distortion: Distortion) -> tuple[str, ...]:
     if max(distortion.area, distortion.length) <= _DISTORTED:
         return ()
     return (
-        f"the texture map is distorted: areas by {100 * distortion.area:.2g} %, lengths by "
-        f"{100 * distortion.length:.2g} % (95 % of the places are less); heights and Sq are not affected, spacings are",
+        f"the texture map is distorted: areas by {100 * distortion.area:.0f} %, lengths by "
+        f"{100 * distortion.length:.0f} % (95 % of the places are less); heights and Sq are not affected, spacings are",
     )
