@@ -3,10 +3,13 @@
 import argparse
 from typing import Any
 
+import numpy as np
+
 from .._errors import InputError
 from .._version import __version__
 from ..data import HeightMap
 from ..io._files import existing_file
+from ..plot._style import display_unit
 from ._arguments import add_command, add_data_options
 from ._files import read_data
 from ._operations import add_operations
@@ -62,5 +65,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 def _lines(data: HeightMap, values: dict[str, Any], units: dict[str, Any], operations: list[str]) -> tuple[str, ...]:
     rows = [("data", described(data)), ("operations", "; ".join(operations) or "none")]
-    rows += [(name, f"{value:.5g} {units.get(name) or ''}".rstrip()) for name, value in values.items()]
+    rows += [(name, _measure(value, units.get(name), data.unit)) for name, value in values.items()]
     return table(rows)
+
+
+def _measure(value: float, unit: str | None, length: str | None) -> str:
+    """A parameter with its unit; lengths, and volumes per area, in a handy one."""
+    if unit is None or length is None or not np.isfinite(value) or unit not in (length, f"{length}³/{length}²"):
+        return f"{value:.5g} {unit or ''}".rstrip()
+    factor, shown = display_unit(abs(value), length)
+    return f"{value * factor:.5g} {unit.replace(length, str(shown))}"
