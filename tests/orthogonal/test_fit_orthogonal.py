@@ -177,3 +177,11 @@ def test_misuse(points, options, said):
     parameters = options.pop("parameters", None)
     with pytest.raises(tsj.InputError, match=said):
         tsj.fit_orthogonal(points, parameters, **options)
+
+
+def test_a_map_of_unknown_scale_is_refused():
+    """Without spacing and unit a map's heights cannot be compared with its extent; with either they can."""
+    heights = np.outer(np.linspace(0, 1, 20) ** 2, np.ones(20))
+    with pytest.raises(tsj.InputError, match="neither spacing nor unit"):
+        tsj.fit_orthogonal(tsj.HeightMap(heights))
+    assert tsj.fit_orthogonal(tsj.HeightMap(heights, 0.5)).max_error < 1e-6

@@ -178,7 +178,7 @@ def with_mesh(store: Store, mesh: Discretisation, touched: np.ndarray) -> Store:
 
 
 def over(chosen: Chosen | Members, turn: Callable[[Any, Array, Carry], Carry], carry: Carry) -> Carry:
-    """Consecutive `turn(rows, real, carry)` over the chosen rows, a chunk at a time; padded entries are not `real`."""
+    """Run `turn(rows, real, carry)` over the chosen rows, a chunk at a time; padded entries are not `real`."""
     length = min(CHUNK, chosen.capacity)
 
     def body(first: Array, carry: Carry) -> Carry:

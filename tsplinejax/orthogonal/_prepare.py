@@ -72,8 +72,11 @@ def _cloud(data: Any, unit: str | None) -> PointCloud:
     """A point cloud of points or of a height map."""
     data = as_data(data)
     if not isinstance(data, PointCloud):
-        if data.unit is None and data.height_unit is not None:
-            raise InputError("an orthogonal fit needs one unit for x, y and z; state the map's unit=")
+        if data.unit is None and unit is None and data.spacing == (1.0, 1.0):
+            raise InputError(
+                "orthogonal distances mix x, y and z, but this map states neither spacing nor unit; give "
+                "HeightMap(heights, spacing, unit=), or unit="
+            )
         samples = data.samples()
         places = samples.frame.xy_of(samples.parameters)
         points = np.concatenate([places, samples.values], axis=1)
