@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from tsplinejax.cli import _fit
 from tsplinejax.fitting import _run
 
 WORDS = ("fit", "map.npz", "--tolerance", "0.03")
@@ -24,6 +25,19 @@ def test_the_same_command_goes_on(command, report, height_map, tmp_path, monkeyp
     assert report(*words)["checkpoint"] is None
     assert (tmp_path / "m.tspl").read_bytes() == (tmp_path / "whole.tspl").read_bytes()
     assert not (tmp_path / "fit.ckpt").exists()
+
+
+def test_a_model_that_cannot_be_written_costs_no_checkpoint(command, height_map, tmp_path, monkeypatch):
+    """Where saving fails, the checkpoint of the finished fit is still there."""
+
+    def failing(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(_fit, "save", failing)
+    code, _, err = command(*WORDS, "-o", "m.tspl", "--checkpoint", "fit.ckpt")
+    assert code == 2
+    assert "no space left" in err
+    assert (tmp_path / "fit.ckpt").exists()
 
 
 @pytest.mark.usefixtures("interruptible")

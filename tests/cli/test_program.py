@@ -13,13 +13,12 @@ from tsplinejax.cli._arguments import joined_negatives
 from tsplinejax.cli._main import make_parser
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAM = "import sys; from tsplinejax.cli import main; sys.exit(main())"
 COMMANDS = ("fit", "evaluate", "info", "convert", "plot", "demo")
 
 
 def _process(*words, **environment):
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, *words],
+        [sys.executable, "-m", "tsplinejax", *words],
         capture_output=True,
         text=True,
         check=False,

@@ -41,7 +41,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--checkpoint",
         metavar="FILE",
-        help="keep the last step in this file, and go on from it where it exists; removed once the criterion is met",
+        help="keep the last step in this file, and go on from it where it exists; removed once the criterion is met "
+        "and the model written",
     )
 
 
@@ -116,6 +117,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         **report_of(result),
     }
     if checkpoint is not None:
+        if result.converged:  # the model is safe, and there is nothing left to go on from
+            checkpoint.unlink(missing_ok=True)
         report["checkpoint"] = str(checkpoint) if checkpoint.exists() else None
     return Outcome(report, _lines(data, result, report), MET if result.converged else STOPPED_EARLIER)
 

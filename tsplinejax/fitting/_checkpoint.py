@@ -17,7 +17,6 @@ import time
 import warnings
 import zipfile
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
@@ -88,12 +87,6 @@ class Checkpoint:
         self._unwritten = (state, best)
         if time.perf_counter() >= self._due:
             self._write(self.path)
-
-    def remove(self) -> None:
-        """Delete the file: there is nothing left to go on from."""
-        if self.path is not None:
-            with suppress(OSError):  # left behind it does no harm: it is the fit's end
-                self.path.unlink(missing_ok=True)
 
     def __enter__(self) -> "Checkpoint":
         return self

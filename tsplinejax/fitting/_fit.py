@@ -84,7 +84,7 @@ def fit(
     - `engine`: who works on the pages of a stored map: `DaskEngine(client)` or `DevicesEngine()`; by default this
       process, page after page.
     - `checkpoint`: a file that keeps the last step. Where it exists the fit goes on from it, to the same result as
-      without the interruption; it is removed once the criterion is met. Budgets count from the fit's first start.
+      without the interruption. Delete it once the result is saved. Budgets count from the fit's first start.
 
     **Returns:** a [`FitResult`][tsplinejax.FitResult]. That a budget ran out is said there, not raised; interrupting
     (Ctrl-C) returns the best step so far.
@@ -129,10 +129,7 @@ def fit(
         problem, outcome = smooth_automatically(problem, outcome)
     source = dict(getattr(data, "provenance", None) or {})
     seconds = keeper.seconds + time.perf_counter() - started
-    result = _result(problem, outcome, seconds, _provenance(problem, outcome.stop, source))
-    if result.converged:
-        keeper.remove()
-    return result
+    return _result(problem, outcome, seconds, _provenance(problem, outcome.stop, source))
 
 
 def pose_fit(
