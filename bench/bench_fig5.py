@@ -4,7 +4,8 @@ On its two kinds of surface: laser bumps (T1) and a plate with particles (T2), e
 way is dyadic refinement with every element above the tolerance bisected, solved for all control points from all samples
 in each step ("paper global") or for those near a change ("paper local"). Ours is the default fit. Seconds are those
 of the whole fit, in the second of two runs (of one run where that takes above 20 s); the ratio of Eq. 7 is centred (the
-mean removed). A method that did not meet a tolerance is not asked for a finer one. Times at a ratio are interpolated between fits; `results/fig5_steps.json` has every step of each.
+mean removed). A method that did not meet a tolerance is not asked for a finer one. Times at a ratio are interpolated
+between fits; `results/fig5_steps.json` has every step of each.
 """
 
 import sys
@@ -23,7 +24,12 @@ import tsplinejax as tsj  # noqa: E402
 
 SURFACES = {"T1": "laser bumps (T1)", "T2": "plate with particles (T2)"}
 TOLERANCES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)  # of the range
-PAPER: dict[str, Any] = {"refinement": tsj.Dyadic(), "solver": tsj.LocalSolver(ring=0), "max_steps": 40, "max_control_points": 60_000}
+PAPER: dict[str, Any] = {
+    "refinement": tsj.Dyadic(),
+    "solver": tsj.LocalSolver(ring=0),
+    "max_steps": 40,
+    "max_control_points": 60_000,
+}
 METHODS = {
     "paper global": fit_globally,
     "paper local": lambda height_map, tolerance: _ours(height_map, tolerance, **PAPER),

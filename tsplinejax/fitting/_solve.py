@@ -50,11 +50,11 @@ class LocalSolver(AbstractSolver):
     - `iterations`: conjugate-gradient iterations of a step at most; a loose solve is enough to mark by.
 
     >>> LocalSolver(ring=0)
-    LocalSolver(ring=0, iterations=12)
+    LocalSolver(ring=0, iterations=10)
     """
 
     ring: int = 1
-    iterations: int = 12
+    iterations: int = 10
 
 
 class Solution(eqx.Module):
