@@ -3,9 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 
 import tsplinejax as tsj
-from tsplinejax.data import sparse_bumps
+from tsplinejax.data import laser_textured_disk
 from tsplinejax.mesh import TMesh
 
 
@@ -30,7 +31,19 @@ def random_model(dimension: int = 1, dtype: str = "float64", frame: tsj.Frame | 
 
 @lru_cache
 def structured() -> tuple[tsj.HeightMap, tsj.TSpline]:
-    """A map of sparse bumps in micrometres, spacing unequal, and its model to 1 %."""
-    heights = sparse_bumps((128, 128)).heights
+    """A map of one laser bump in micrometres, spacing unequal, and its model to 1 %."""
+    heights = laser_textured_disk((128, 128), bumps=1, scale=3.0).heights
     data = tsj.HeightMap(heights, (0.5, 0.4), "µm", origin=(10.0, -5.0))
     return data, tsj.fit(data, relative_tolerance=0.01).surface
+
+
+@lru_cache
+def _between_pixels() -> RectBivariateSpline:
+    """The bump on a map four times as fine."""
+    axis = np.linspace(0, 1, 509)
+    return RectBivariateSpline(axis, axis, laser_textured_disk((509, 509), bumps=1, scale=3.0).heights)
+
+
+def measured(places: np.ndarray) -> np.ndarray:
+    """The structured map's surface at any parameters, also between its pixels."""
+    return _between_pixels()(places[:, 1], places[:, 0], grid=False)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 
 import tsplinejax as tsj
-from ..random_meshes import meshes
-from .surfaces import random_model, structured
 from tsplinejax.mesh import is_analysis_suitable
 from tsplinejax.sampling import Greville
+
+from ..random_meshes import meshes
+from .surfaces import measured, random_model, structured
 
 
 @pytest.mark.parametrize("dimension", [1, 3])
@@ -21,7 +22,9 @@ def test_a_t_spline_comes_back_from_as_many_samples_as_control_points(dimension,
     assert result.smoothing == 0
     assert not result.warnings
     scale = float(np.abs(model.control_points).max())
-    np.testing.assert_allclose(result.surface.control_points, model.control_points, atol=100 * tolerance_of(dtype, scale))
+    np.testing.assert_allclose(
+        result.surface.control_points, model.control_points, atol=100 * tolerance_of(dtype, scale)
+    )
 
 
 @settings(max_examples=40)
@@ -49,19 +52,19 @@ def test_a_large_offset_and_a_small_unit_lose_nothing():
 
 
 def test_more_samples_let_less_noise_through():
-    """The gain falls from n to 2 n to 4 n samples, and stays below that of random samples."""
+    """The gain falls from n to 2 n to 4 n samples, and stays below that of random ones in each element."""
     model = random_model()
     n = model.control_points.shape[0]
     gains = [tsj.reconstruct(tsj.sample(model, size=size)).noise_gain for size in (n, 2 * n, 4 * n)]
     assert gains[0] > gains[1] > gains[2]
-    random = tsj.reconstruct(tsj.sample(model, strategy="random", size=4 * n), smoothing=0).noise_gain
-    assert gains[2] < 0.5 * random
+    random = tsj.reconstruct(tsj.sample(model, strategy="t-patch-random", size=4 * n), smoothing=0).noise_gain
+    assert gains[2] < 0.7 * random
 
 
 def test_the_noise_gain_is_what_noise_does():
     """Predicted and measured over forty noisy sample sets."""
     model = random_model()
-    samples = tsj.sample(model, strategy="t-patch")
+    samples = tsj.sample(model, size=300)
     gain = tsj.reconstruct(samples).noise_gain
     rng = np.random.default_rng(5)
     places = rng.random((2000, 2))
@@ -84,16 +87,21 @@ def test_centres_come_after_greville_points():
     np.testing.assert_allclose(samples.parameters[n:], (boxes[:, :2] + boxes[:, 2:]) / 2)
 
 
-def test_a_refined_space_holds_the_surface_and_follows_the_map_more_closely():
-    """From twice the samples the model still comes back, and the map to less than half of what its own space leaves."""
+def test_a_refined_space_holds_the_surface_and_follows_the_measured_one_more_closely():
+    """From twice the samples the model still comes back, and a surface beyond its space to a third of the usual error."""
     data, model = structured()
     n = model.control_points.shape[0]
     exact = tsj.sample(model, strategy="greville-refined", size=2 * n)
     assert 1.5 * n < exact.model.control_points.shape[0] <= 2 * n == len(exact)
-    places = np.random.default_rng(0).random((500, 2))
+    assert is_analysis_suitable(exact.model.space.mesh)
+    places = np.random.default_rng(0).random((3000, 2))
     np.testing.assert_allclose(exact.model(places), model(places), atol=1e-12)
     np.testing.assert_allclose(tsj.reconstruct(exact).surface(places), model(places), atol=1e-9)
-    study = tsj.sampling_study(data, ["greville", "greville-refined"], [2 * n], model=model)
-    assert study.rms_errors[1, 0] < 0.5 * study.rms_errors[0, 0]
-    elements = exact.model.space.mesh
-    assert is_analysis_suitable(elements)
+
+    def error(strategy):
+        samples = tsj.sample(model, strategy=strategy, size=2 * n)
+        surface = tsj.reconstruct((samples.parameters, measured(samples.parameters)), samples.model).surface
+        return np.sqrt(np.mean((np.asarray(surface(places)) - measured(places)) ** 2))
+
+    usual = ("element-area", "element-curvature", "curvature", "halton", "uniform")
+    assert error("greville-refined") < min(error("greville"), *map(error, usual)) / 3

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tsplinejax as tsj
+
 from .surfaces import random_model, refined_mesh, structured
 
 
@@ -22,9 +23,9 @@ def test_it_is_least_squares_with_the_bending_energy():
 
 
 def test_samples_that_determine_the_surface_are_not_smoothed():
-    """Four random samples in every element, noisy: plain least squares, as the samples themselves decide."""
+    """Twice as many as control points, noisy: plain least squares."""
     model = random_model()
-    samples = tsj.sample(model, strategy="t-patch")
+    samples = tsj.sample(model, size=300)
     noisy = samples.values[:, 0] + np.random.default_rng(0).normal(size=len(samples))
     assert tsj.reconstruct((samples.parameters, noisy), model).smoothing == 0
 
@@ -58,7 +59,7 @@ def test_automatic_smoothing_is_near_the_best_there_is():
 def test_a_function_that_no_sample_sees_is_not_called_determined():
     """More samples than control points, but none in one corner."""
     model = random_model()
-    samples = tsj.sample(model, strategy="t-patch")
+    samples = tsj.sample(model, size=500)
     away = (samples.parameters > 0.45).any(axis=1)
     assert away.sum() > model.control_points.shape[0]
     pair = (samples.parameters[away], samples.values[away])

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import tsplinejax as tsj
-from .surfaces import random_model, structured
 from tsplinejax.data import freeform_artefact, saddle_with_texture
 from tsplinejax.sampling._measured import nearest
+
+from .surfaces import random_model, structured
 
 
 def test_pixels_of_a_map_are_taken_as_they_are():
@@ -62,7 +63,9 @@ def test_without_a_model_one_is_fitted():
     samples = tsj.sample(np.sin(3 * x) * np.cos(2 * y))
     assert len(samples) == samples.model.control_points.shape[0]
     surface = tsj.reconstruct(samples).surface
-    assert np.abs(np.asarray(surface.at(50 / 2 * np.ones(1), 20 * np.ones(1))) - np.sin(75 / 40) * np.cos(1)).max() < 0.01
+    assert (
+        np.abs(np.asarray(surface.at(50 / 2 * np.ones(1), 20 * np.ones(1))) - np.sin(75 / 40) * np.cos(1)).max() < 0.01
+    )
 
 
 def test_a_cloud_is_sampled_as_heights_or_as_points_in_space():
@@ -73,11 +76,11 @@ def test_a_cloud_is_sampled_as_heights_or_as_points_in_space():
     np.testing.assert_array_equal(heights.values[:, 0], cloud.points[heights.index, 2])
     place = tsj.conformal(cloud)
     for parameters in ("conformal", place, place.parameters):
-        samples = tsj.sample(cloud, size=100, parameters=parameters)
+        samples = tsj.sample(cloud, size=300, parameters=parameters)
         np.testing.assert_array_equal(samples.values, cloud.points[samples.index])
         np.testing.assert_array_equal(samples.parameters, place.parameters[samples.index])
     error = np.asarray(tsj.reconstruct(samples).surface(place.parameters)) - cloud.points
-    assert np.linalg.norm(error, axis=1).max() < 0.05
+    assert np.linalg.norm(error, axis=1).max() < 0.05 * cloud.diagonal
 
 
 def test_single_precision_stays():

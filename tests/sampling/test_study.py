@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tsplinejax as tsj
+
 from .surfaces import structured
 
 

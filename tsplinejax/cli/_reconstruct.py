@@ -36,7 +36,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.set_defaults(run=run)
     parser.add_argument("samples", metavar="SAMPLES.npz", help="arrays parameters (m, 2) and values (m, d)")
-    parser.add_argument("--model", metavar="M.tspl", required=True, help="model whose T-mesh the surface is known to have")
+    parser.add_argument(
+        "--model", metavar="M.tspl", required=True, help="model whose T-mesh the surface is known to have"
+    )
     parser.add_argument(
         "-o",
         "--output",

@@ -40,7 +40,9 @@ def plot_samples(parameters: Float[ArrayLike, "m 2"], surface: Any, ax: "Axes | 
     with print_style(ax):
         ax = plot_mesh(surface, ax)
         area = float(np.clip(_INK_OF_ALL / len(places), _SMALLEST, _LARGEST))
-        ax.scatter(*places.T, s=area, color=ACCENT, linewidths=0, zorder=3, rasterized=len(places) > 5000, clip_on=False)
+        ax.scatter(
+            *places.T, s=area, color=ACCENT, linewidths=0, zorder=3, rasterized=len(places) > 5000, clip_on=False
+        )
     return ax
 
 

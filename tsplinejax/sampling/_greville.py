@@ -16,8 +16,8 @@ from ._regression import Regression
 from ._site import Site
 from ._strategies import AbstractStrategy
 
-_PROBES = 32
-_ROUNDS_A_DOUBLING = 4
+_PROBES = 16
+_ROUNDS_A_DOUBLING = 2
 
 
 @dataclass(frozen=True)

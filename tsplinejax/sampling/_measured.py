@@ -10,7 +10,7 @@ from ..data import HeightMap, PointCloud, Samples, as_data
 from ..parameterisation import Parameterisation, conformal
 from ..surface import TSpline
 
-_SLACK = 1e-9
+_SLACK = 1e-6  # of the side: frames of single precision differ by less, pixels by more
 
 
 def measured_samples(data: Any, model: TSpline | None, parameters: Any) -> tuple[Samples, Int[np.ndarray, " m"]]:
@@ -69,9 +69,7 @@ def _within(
     if not inside.any():
         raise InputError("no sample lies on the model; check spacing, unit and origin of the data")
     grid = None if samples.grid_index is None else samples.grid_index[inside]
-    kept = Samples(
-        np.clip(places[inside], 0, 1), samples.values[inside], None, model.frame, samples.grid_shape, grid
-    )
+    kept = Samples(np.clip(places[inside], 0, 1), samples.values[inside], None, model.frame, samples.grid_shape, grid)
     return kept, index[inside]
 
 
@@ -102,7 +100,9 @@ def nearest(
     from scipy.spatial import cKDTree
 
     if len(wanted) > len(candidates):
-        raise InputError(f"{len(wanted)} samples are asked for, but only {len(candidates)} were measured; ask for fewer")
+        raise InputError(
+            f"{len(wanted)} samples are asked for, but only {len(candidates)} were measured; ask for fewer"
+        )
     there, here = np.asarray(candidates) * sides, np.asarray(wanted) * sides
     chosen = np.full(len(here), -1)
     free, waiting = np.arange(len(there)), np.arange(len(here))

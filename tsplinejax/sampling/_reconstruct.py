@@ -9,7 +9,7 @@ from .._errors import InputError
 from ..data import Frame, Samples
 from ..space import SplineSpace
 from ..surface import TSpline, make_surface
-from ._regression import Regression, noise_gain, surface_of
+from ._regression import Regression, surface_of
 from ._sample import SampleSet
 from ._site import Site
 
@@ -56,7 +56,8 @@ def reconstruct(
     - `samples`: a `SampleSet`, `Samples`, or a pair of parameters (m, 2) and values (m,), (m, 1) or (m, 3).
     - `space`: the space; a T-spline (of the nominal surface, say) brings its frame with it. A `SampleSet` knows its own.
     - `smoothing`: weight λ of the bending energy. `"auto"` is 0, plain least squares, where the samples determine the
-      surface without making their noise more than three times larger; else the λ of least generalised cross validation.
+      surface without making their noise more than three times larger; else the λ of the least predicted error
+      (generalised cross validation, times 1 + g² with the noise gain g).
 
     **Returns:** a [`Reconstruction`][tsplinejax.Reconstruction].
 
@@ -89,7 +90,7 @@ def reconstruct(
         surface=surface_of(site, trial.points + middle),
         n_samples=len(given),
         smoothing=trial.smoothing,
-        noise_gain=noise_gain(site, trial),
+        noise_gain=trial.noise_gain,
         max_error=float(errors.max()),
         rms_error=float(np.sqrt(np.mean(errors**2))),
         unit=site.model.unit,
@@ -141,6 +142,5 @@ def _warnings(m: int, n: int, smoothing: float, automatic: bool) -> tuple[str, .
         return ()
     reason = "are too few to" if m < n else "are not placed so that they"
     return (
-        f"{m} samples {reason} determine {n} control points; smoothing with λ = {smoothing:.3g} (least generalised cross "
-        "validation) fills what they leave open",
+        f"{m} samples {reason} determine {n} control points; smoothing with λ = {smoothing:.3g} fills what they leave open",
     )

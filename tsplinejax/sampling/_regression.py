@@ -1,8 +1,9 @@
 """Least squares over a fixed space from few samples: is it well posed, and if not, how much smoothing it takes.
 
-The samples determine the control points where BᵀB is regular and noise at the samples comes out of it hardly larger than
-it went in. Otherwise the bending energy's weight λ is the one of least generalised cross validation,
-GCV(λ) = m |r|² / (m - tr H)², with the trace from random signs at the samples (Hutchinson).
+The samples determine the control points where BᵀB is regular and noise at the samples comes out of it hardly larger
+than it went in. Otherwise the bending energy's weight λ is that of the least predicted error on the surface: generalised
+cross validation predicts m |r|² / (m - tr H)² at the samples, and where these leave gaps noise is larger between them, by
+1 + g² with the noise gain g. Traces and gains come from random signs at the samples (Hutchinson).
 """
 
 from dataclasses import dataclass
@@ -24,19 +25,25 @@ _LEAST, _MOST = -8, 6
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A solution: control points, what random signs at the samples become, and what is left at the samples."""
+    """A solution: control points, what random signs at the samples become, and what is left at the samples.
+
+    `left` is m - tr H, and `noise_gain` the rms on the surface of what unit noise at the samples becomes.
+    """
 
     smoothing: float
     points: Float[np.ndarray, "n d"]
     responses: Float[np.ndarray, "n probes"]
     residuals: Float[np.ndarray, "m d"]
     left: float
+    noise_gain: float
 
     @property
     def score(self) -> float:
-        """Generalised cross validation; infinite where the surface has as many degrees of freedom as samples."""
+        """The predicted error; infinite where the surface has as many degrees of freedom as samples."""
         m = len(self.residuals)
-        return m * float(np.sum(self.residuals**2)) / self.left**2 if self.left > 1e-6 * m else np.inf
+        if self.left <= 1e-6 * m:
+            return np.inf
+        return m * float(np.sum(self.residuals**2)) / self.left**2 * (1 + self.noise_gain**2)
 
 
 class Regression:
@@ -69,15 +76,16 @@ class Regression:
             left[taken] -= band @ points
         # wᵀ (I - H) w for signs w: no difference of large numbers where nearly nothing is left.
         freedom = float(np.mean(np.sum(self.columns[:, d:] * left[:, d:], axis=0)))
-        return Trial(smoothing, points[:, :d], points[:, d:], left[:, :d], freedom)
+        gain = _noise_gain(self.site, points[:, d:])
+        return Trial(smoothing, points[:, :d], points[:, d:], left[:, :d], freedom, gain)
 
     def automatic(self) -> Trial:
-        """Least squares where it is well posed, else the smoothing of least GCV.
+        """Least squares where it is well posed, else the smoothing of the least predicted error.
 
         **Raises:** `InputError` where no smoothing helps: samples on one line.
         """
         free = self.solved(0.0)
-        if free is not None and noise_gain(self.site, free) <= WELL_POSED:
+        if free is not None and free.noise_gain <= WELL_POSED:
             return free
         trace, found = default_smoothing(len(self.columns)), {} if free is None else {0.0: free}
         for exponent in range(_LEAST, _MOST + 1, 2):
@@ -106,10 +114,7 @@ def surface_of(site: Site, points: Float[np.ndarray, "n d"]) -> TSpline:
     return make_surface(site.space, points[:, 0] if points.shape[1] == 1 else points, site.model.frame)
 
 
-def noise_gain(site: Site, trial: Trial) -> float:
-    """Rms of what unit noise at the samples becomes on the surface: its mean over the Bézier elements' centres."""
-    boxes = site.pieces
-    weights = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
-    squares = np.concatenate([((band @ trial.responses) ** 2).mean(axis=1) for _, band in Design(site.space, centres)])
-    return float(np.sqrt(weights @ squares / weights.sum()))
+def _noise_gain(site: Site, responses: Float[np.ndarray, "n probes"]) -> float:
+    """Rms of responses to unit noise, over the whole surface."""
+    design, shares = site.everywhere
+    return float(np.sqrt(sum(shares[taken] @ ((band @ responses) ** 2).mean(axis=1) for taken, band in design)))

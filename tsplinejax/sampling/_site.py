@@ -7,13 +7,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data import Samples
+from ..fitting._design import Design
 from ..mesh import TMesh
 from ..space import SplineSpace
 from ..surface import TSpline, curvatures
 
 #: Three Gauss points along each side integrate polynomials of degree five.
 _NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
-_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
+_SHARES = np.outer([5.0, 8.0, 5.0], [5.0, 8.0, 5.0]).ravel() / 324
 _AT_A_TIME = 1 << 17
 
 
@@ -59,8 +60,16 @@ class Site:
     def pieces(self) -> Float[np.ndarray, "b 4"]:
         """Bézier elements as s0, t0, s1, t1."""
         count = int(self.space.n_elements)
-        corner, size = (np.asarray(part, np.float64)[:count] for part in (self.space.tables.corner, self.space.tables.size))
+        corner, size = (
+            np.asarray(part, np.float64)[:count] for part in (self.space.tables.corner, self.space.tables.size)
+        )
         return np.concatenate([corner, corner + size], axis=1)
+
+    @cached_property
+    def everywhere(self) -> tuple[Design, Float[np.ndarray, " k"]]:
+        """The blending functions at nine Gauss points in each Bézier element, and the share of the domain of each."""
+        sizes = np.prod(self.pieces[:, 2:] - self.pieces[:, :2], axis=1)
+        return Design(self.space, gauss_points(self.pieces)), np.outer(sizes, _SHARES).ravel()
 
     def values(self, places: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m d"]:
         """The model at places."""
@@ -68,8 +77,7 @@ class Site:
 
     def integrals(self, boxes: Float[np.ndarray, "e 4"], *, of_curvature: bool) -> Float[np.ndarray, " e"]:
         """The surface's area over each box, or the integral of its curvedness √(k₁² + k₂²) over that area."""
-        s, t = (box_points(boxes[:, [axis, axis + 2]]) for axis in (0, 1))
-        places = np.stack([np.repeat(s, 3, axis=1), np.tile(t, 3)], axis=-1).reshape(-1, 2)
+        places = gauss_points(boxes)
         density = np.concatenate(
             [
                 self._density(places[first : first + _AT_A_TIME], of_curvature)
@@ -77,7 +85,7 @@ class Site:
             ]
         )
         sizes = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-        return sizes * (density.reshape(-1, 9) @ np.outer(_WEIGHTS, _WEIGHTS).ravel())
+        return sizes * (density.reshape(-1, 9) @ _SHARES)
 
     def _density(self, places: Float[np.ndarray, "m 2"], of_curvature: bool) -> Float[np.ndarray, " m"]:
         """Area per unit of parameters, times the curvedness where asked for; zero where the surface is degenerate."""
@@ -94,10 +102,11 @@ class Site:
         return np.nan_to_num(area * np.sqrt(np.maximum(4 * mean**2 - 2 * gaussian, 0)))
 
 
-def box_points(ends: Float[np.ndarray, "e 2"]) -> Float[np.ndarray, "e 3"]:
-    """The Gauss points of intervals.
+def gauss_points(boxes: Float[np.ndarray, "e 4"]) -> Float[np.ndarray, "k 2"]:
+    """Three by three Gauss points of each box.
 
-    >>> box_points(np.array([[0.0, 2.0]]))[0, 1]
-    np.float64(1.0)
+    >>> gauss_points(np.array([[0.0, 0.0, 1.0, 1.0]]))[4].tolist()
+    [0.5, 0.5]
     """
-    return ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * _NODES
+    local = np.stack(np.meshgrid(_NODES, _NODES, indexing="ij"), axis=-1).reshape(-1, 2)
+    return (boxes[:, None, :2] + local * (boxes[:, None, 2:] - boxes[:, None, :2])).reshape(-1, 2)
