@@ -21,7 +21,7 @@ def test_all_samples_are_shared_out(weights, size):
 
 @given(WEIGHTS, st.integers(0, 300))
 def test_no_piece_that_could_be_cut_is_larger_than_one_that_was(weights, more):
-    """The rule of highest averages, by its own definition: w / k of an element now is at most w / (k - 1) of any cut."""
+    """The rule of highest averages, by its definition: w / k of an element is at most w / (k - 1) of one cut."""
     counts = apportioned(weights, len(weights) + more)
     pieces = weights / counts
     cut = counts > 1

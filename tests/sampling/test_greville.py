@@ -30,7 +30,7 @@ def test_a_t_spline_comes_back_from_as_many_samples_as_control_points(dimension,
 @settings(max_examples=40)
 @given(meshes(most=120))
 def test_so_it_does_on_any_analysis_suitable_mesh(tmesh):
-    """Random refinements, lattices and first cuts; with the paper's open border Greville points can leave the square."""
+    """Random refinements, lattices and first cuts; with an open border Greville points can leave the square."""
     space = tsj.spline_space(tmesh)
     points = np.random.default_rng(0).normal(size=int(space.n_functions))
     model = tsj.make_surface(space, points)
@@ -88,8 +88,8 @@ def test_centres_come_after_greville_points():
 
 
 def test_a_refined_space_holds_the_surface_and_follows_the_measured_one_more_closely():
-    """From twice the samples the model still comes back, and a surface beyond its space to a third of the usual error."""
-    data, model = structured()
+    """From twice the samples the model still comes back, and a surface beyond its space to a third of the error."""
+    _, model = structured()
     n = model.control_points.shape[0]
     exact = tsj.sample(model, strategy="greville-refined", size=2 * n)
     assert 1.5 * n < exact.model.control_points.shape[0] <= 2 * n == len(exact)

@@ -59,7 +59,7 @@ def test_a_mesh_given_by_hand_is_sampled_too():
 def test_element_area_is_the_area_of_the_surface():
     """Over a slope the area is that of the slope; the larger elements get more samples, every one at least one."""
     space = tsj.spline_space(tsj.b_lattice(4, 4))
-    s, t = greville_points(space.mesh).T
+    s, _ = greville_points(space.mesh).T
     slope = tsj.make_surface(space, 3.0 * s, tsj.Frame((0.0, 0.0), (1.0, 2.0)))
     areas = Site(slope).integrals(slope.space.mesh.element_boxes, of_curvature=False)
     np.testing.assert_allclose(areas, 2 / 16 * np.sqrt(10), rtol=1e-12)

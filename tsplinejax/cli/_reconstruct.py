@@ -53,7 +53,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--shape",
         metavar="RxC",
         type=counts,
-        help=f"grid of a map of R rows and C columns (default: that of the map the samples come from, or {_LONGER_SIDE} "
+        help=f"rows and columns of a map (default: those of the map the samples come from, or {_LONGER_SIDE} "
         "along the longer side)",
     )
     parser.add_argument("--plot", metavar="FILE.png", help="draw the surface with its T-mesh and the samples")

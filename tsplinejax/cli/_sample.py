@@ -41,8 +41,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--output",
         metavar="SAMPLES.npz",
         required=True,
-        help="arrays to write: parameters (m, 2), values (m, d); with the place of the parameter square (origin, extent, "
-        "unit), and of measured data which of them were chosen (index)",
+        help="arrays to write: parameters (m, 2), values (m, d); with the place of the parameter square (origin, "
+        "extent, unit), and of measured data which of them were chosen (index)",
     )
     group = parser.add_argument_group("where")
     group.add_argument(

@@ -1,4 +1,4 @@
-"""Pictures for print: height maps, T-meshes, errors, convergence, tolerance studies, samples and 3-D views, drawn by matplotlib.
+"""Pictures for print: height maps, T-meshes, errors, convergence, studies, samples and 3-D views, by matplotlib.
 
 Every function takes the axes to draw on as `ax` and returns them; without `ax` it makes a figure of its own, in a
 style for print. Coordinates on the axes are those of the data: only the labels of ticks are written in a handier unit

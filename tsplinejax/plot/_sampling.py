@@ -49,7 +49,7 @@ def plot_samples(parameters: Float[ArrayLike, "m 2"], surface: Any, ax: "Axes | 
 def plot_sampling_study(study: Any, ax: "Axes | None" = None) -> "Axes":
     """Draw the error of reconstructions over the number of samples, a line for each strategy.
 
-    Strategies that know the T-mesh are drawn dark, with full markers; a broken line stands at one sample a control point.
+    Strategies that know the T-mesh are dark, with full markers; a dotted line stands at one sample a control point.
 
     **Arguments:**
 

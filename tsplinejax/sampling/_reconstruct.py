@@ -54,15 +54,15 @@ def reconstruct(
     **Arguments:**
 
     - `samples`: a `SampleSet`, `Samples`, or a pair of parameters (m, 2) and values (m,), (m, 1) or (m, 3).
-    - `space`: the space; a T-spline (of the nominal surface, say) brings its frame with it. A `SampleSet` knows its own.
+    - `space`: the space; a T-spline (of the nominal surface, say) brings its frame along. A `SampleSet` knows its own.
     - `smoothing`: weight λ of the bending energy. `"auto"` is 0, plain least squares, where the samples determine the
       surface without making their noise more than three times larger; else the λ of the least predicted error
       (generalised cross validation, times 1 + g² with the noise gain g).
 
     **Returns:** a [`Reconstruction`][tsplinejax.Reconstruction].
 
-    **Raises:** `InputError` for samples that do not fit the space, and samples that do not determine the surface: with a
-    λ of 0 too few or badly placed ones, with any other those on one line.
+    **Raises:** `InputError` for samples that do not fit the space, and for those that do not determine the surface:
+    with a λ of 0 too few or badly placed ones, with any other those on one line.
 
     >>> from tsplinejax import b_lattice, spline_space
     >>> places = np.random.default_rng(0).random((200, 2))
@@ -141,6 +141,4 @@ def _warnings(m: int, n: int, smoothing: float, automatic: bool) -> tuple[str, .
     if smoothing == 0 or not automatic:
         return ()
     reason = "are too few to" if m < n else "are not placed so that they"
-    return (
-        f"{m} samples {reason} determine {n} control points; smoothing with λ = {smoothing:.3g} fills what they leave open",
-    )
+    return (f"{m} samples {reason} determine {n} control points; smoothing (λ = {smoothing:.3g}) fills the gaps",)

@@ -59,7 +59,7 @@ class RefinedGreville(AbstractStrategy):
 
 
 def _bisected(tmesh: TMesh, scores: Float[np.ndarray, " e"], count: int, most: int) -> TMesh | None:
-    """The mesh with about `count` elements of the highest scores bisected, at most `most` anchors; `None` if none can."""
+    """The mesh with about `count` elements of the highest scores bisected, and at most `most` anchors, if any."""
     order = np.argsort(-scores)[: int((scores > 0).sum())]
     count = min(count, len(order))
     while count:
@@ -73,7 +73,7 @@ def _bisected(tmesh: TMesh, scores: Float[np.ndarray, " e"], count: int, most: i
 
 
 def _changes(site: Site) -> Float[np.ndarray, " e"]:
-    """h³ times the change of the third derivative across each element and its neighbours, times √area: what is missed."""
+    """What a bicubic spline misses: h³ times the third derivative's change to the neighbours, times √area."""
     boxes = site.elements
     middle, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     missed = np.zeros(len(boxes))

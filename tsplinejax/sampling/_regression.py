@@ -1,9 +1,9 @@
 """Least squares over a fixed space from few samples: is it well posed, and if not, how much smoothing it takes.
 
 The samples determine the control points where BᵀB is regular and noise at the samples comes out of it hardly larger
-than it went in. Otherwise the bending energy's weight λ is that of the least predicted error on the surface: generalised
-cross validation predicts m |r|² / (m - tr H)² at the samples, and where these leave gaps noise is larger between them, by
-1 + g² with the noise gain g. Traces and gains come from random signs at the samples (Hutchinson).
+than it went in. Otherwise the bending energy's weight λ is that of the least predicted error on the surface:
+generalised cross validation predicts m |r|² / (m - tr H)² at the samples, and where these leave gaps noise is larger
+between them, by 1 + g² with the noise gain g. Traces and gains come from random signs at the samples (Hutchinson).
 """
 
 from dataclasses import dataclass

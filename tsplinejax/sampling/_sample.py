@@ -73,8 +73,8 @@ def sample(
 
     - `data`: a `TSpline` (or the result of a fit), which is evaluated at the places; or measured data: a `HeightMap`, a
       `PointCloud`, `Samples` or plain arrays, of which the sample nearest to each place is taken, none twice.
-    - `model`: for measured data: the T-spline that says where (of the nominal surface, or of an earlier part); by default
-      one that is fitted to the data.
+    - `model`: for measured data: the T-spline that says where (of the nominal surface, or of an earlier part); by
+      default one that is fitted to the data.
     - `strategy`: `Greville()` (default), `TPatch()`, `Adaptive()`, ..., or a name: "greville", "greville-centres",
       "t-patch", "t-patch-random", "adaptive", "element-area", "element-curvature", "curvature", "uniform", "random",
       "halton", "latin-hypercube".
