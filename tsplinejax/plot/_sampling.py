@@ -38,12 +38,12 @@ def plot_samples(parameters: Float[ArrayLike, "m 2"], surface: Any, ax: "Axes | 
     """
     places = surface.frame.xy_of(parameters)
     with print_style(ax):
-        ax = plot_mesh(surface, ax)
+        drawn = plot_mesh(surface, ax)
         area = float(np.clip(_INK_OF_ALL / len(places), _SMALLEST, _LARGEST))
-        ax.scatter(
+        drawn.scatter(
             *places.T, s=area, color=ACCENT, linewidths=0, zorder=3, rasterized=len(places) > 5000, clip_on=False
         )
-    return ax
+    return drawn
 
 
 def plot_sampling_study(study: Any, ax: "Axes | None" = None) -> "Axes":
