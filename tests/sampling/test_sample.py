@@ -44,6 +44,9 @@ def test_a_model_of_part_of_the_map_takes_pixels_of_that_part():
     row, column = np.divmod(samples.index, data.shape[1])
     np.testing.assert_allclose(xy, np.stack([10 + 0.5 * column, -5 + 0.4 * row], axis=1), atol=1e-9)
     assert (xy.min(axis=0) >= (20, 0)).all()
+    beyond = data.valid.sum() - part.valid.sum()
+    assert samples.warnings == (f"{beyond} samples of the data lie beyond the model and are left out",)
+    assert not tsj.sample(part, model=model, size=400).warnings
 
 
 def test_data_come_into_the_unit_of_the_model():

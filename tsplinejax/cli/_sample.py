@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "rms_error": float(study.rms_errors[0, 0]),
         "range": study.range,
         "unit": study.unit,
-        "warnings": warnings,
+        "warnings": [*warnings, *samples.warnings],
         "provenance": {"software": f"tsplinejax {__version__}", "input": provenance, "options": options},
     }
     return Outcome(report, _lines(data, report))

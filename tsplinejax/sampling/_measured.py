@@ -31,6 +31,13 @@ def measured_samples(data: Any, model: TSpline | None, parameters: Any) -> tuple
     return samples, index
 
 
+def sample_count(data: Any) -> int:
+    """How many valid samples data hold."""
+    if not isinstance(data, Samples):
+        data = as_data(data)
+    return int(data.valid.sum()) if isinstance(data, HeightMap) else len(data)
+
+
 def _in_unit(data: HeightMap | PointCloud, model: TSpline | None) -> HeightMap | PointCloud:
     """The data in the model's unit."""
     unit = None if model is None else model.unit

@@ -4,7 +4,7 @@ More samples than control points make a recovered surface less noisy, but leave 
 surface and the space. A refined space contains the old one, and its own Greville points are as few as can be.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -50,7 +50,7 @@ class RefinedGreville(AbstractStrategy):
             tmesh = _bisected(site.tmesh, scores, min(spare, max(site.control_points // _ROUNDS_A_DOUBLING, 1)), size)
             if tmesh is None:
                 break
-            site = Site(transfer(site.model, tmesh), site.candidates)
+            site = replace(site, model=transfer(site.model, tmesh))
         return site.model
 
     def places(self, site: Site, size: int, rng: np.random.Generator) -> Float[np.ndarray, "size 2"]:

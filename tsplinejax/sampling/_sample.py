@@ -1,6 +1,6 @@
 """`sample`: few places of a surface that are enough to have it back."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from .._errors import InputError
 from ..data import Samples
 from ..fitting import fit
 from ..surface import TSpline
-from ._measured import measured_samples, nearest
+from ._measured import measured_samples, nearest, sample_count
 from ._names import strategy_of
 from ._site import Site
 from ._strategies import AbstractStrategy
@@ -27,12 +27,14 @@ class SampleSet:
     - `strategy`: how their places were chosen.
     - `index`: (m,), which of the data they are: pixels of the flattened map, points of the cloud, rows of the samples;
       `None` where a model was sampled.
+    - `warnings`: what the user should know, in sentences.
     """
 
     samples: Samples
     model: TSpline
     strategy: AbstractStrategy
     index: Int[np.ndarray, " m"] | None = None
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -109,7 +111,8 @@ def site_of(data: Any, model: Any, parameters: Any) -> tuple[Site, Int[np.ndarra
     if model is not None and not isinstance(model, TSpline):
         raise InputError(f"a model is a TSpline or the result of a fit; received {type(model).__name__}")
     candidates, index = measured_samples(data, model, parameters)
-    return Site(fit(candidates).surface if model is None else model, candidates), index
+    surface = fit(candidates).surface if model is None else model
+    return Site(surface, candidates, sample_count(data) - len(candidates)), index
 
 
 def checked_size(site: Site, strategy: AbstractStrategy, size: int | None) -> int:
@@ -129,7 +132,8 @@ def drawn(
     site: Site, index: Int[np.ndarray, " m"] | None, strategy: AbstractStrategy, size: int, rng: np.random.Generator
 ) -> SampleSet:
     """The samples of a strategy at a site."""
-    site = Site(strategy.model_for(site, size), site.candidates)
+    model = strategy.model_for(site, size)
+    site = site if model is site.model else replace(site, model=model)
     places = strategy.places(site, size, rng)
     if site.candidates is None:
         values = site.values(places.astype(site.space.dtype))
@@ -145,4 +149,11 @@ def drawn(
         candidates.grid_shape,
         None if candidates.grid_index is None else candidates.grid_index[taken],
     )
-    return SampleSet(samples, site.model, strategy, index[taken])
+    return SampleSet(samples, site.model, strategy, index[taken], _warnings(site))
+
+
+def _warnings(site: Site) -> tuple[str, ...]:
+    """Say so where data were left out."""
+    if not site.left_out:
+        return ()
+    return (f"{site.left_out} samples of the data lie beyond the model and are left out",)

@@ -26,10 +26,12 @@ class Site:
 
     - `model`: the T-spline: its space and frame say where samples belong, its shape what they may show.
     - `candidates`: the measured samples among which places are chosen; `None` where the model itself is sampled.
+    - `left_out`: how many measured samples lie beyond the model.
     """
 
     model: TSpline
     candidates: Samples | None = None
+    left_out: int = 0
 
     @property
     def space(self) -> SplineSpace:
