@@ -82,8 +82,11 @@ def test_a_cloud_is_sampled_as_heights_or_as_points_in_space():
         samples = tsj.sample(cloud, size=300, parameters=parameters)
         np.testing.assert_array_equal(samples.values, cloud.points[samples.index])
         np.testing.assert_array_equal(samples.parameters, place.parameters[samples.index])
-    error = np.asarray(tsj.reconstruct(samples).surface(place.parameters)) - cloud.points
-    assert np.linalg.norm(error, axis=1).max() < 0.05 * cloud.diagonal
+    recovered, fitted = (
+        np.linalg.norm(np.asarray(surface(place.parameters)) - cloud.points)
+        for surface in (tsj.reconstruct(samples).surface, samples.model)
+    )
+    assert recovered < 2 * fitted
 
 
 def test_single_precision_stays():

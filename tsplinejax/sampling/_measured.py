@@ -104,7 +104,7 @@ def nearest(
     >>> nearest(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.6, 0.6], [0.9, 0.9]]), (1.0, 1.0)).tolist()
     [0, 1]
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
     if len(wanted) > len(candidates):
         raise InputError(
