@@ -91,13 +91,13 @@ def sampling_study(
     if sizes is None:
         sizes = [round(share * site.control_points) for share in SAMPLES_A_CONTROL_POINT]
     numbers = sorted({checked_size(site, chosen[0], size) for size in sizes})
-    truth = true_samples(site)
+    truth = _true_samples(site)
     errors = np.empty((2, len(chosen), len(numbers)))
     for row, strategy in enumerate(chosen):
         for column, size in enumerate(numbers):
             samples = drawn(site, index, strategy, size, np.random.default_rng(rng))
             surface = reconstruct(samples, smoothing=smoothing).surface
-            errors[:, row, column] = errors_at(surface, truth)
+            errors[:, row, column] = _errors_at(surface, truth)
     low, high = truth.values.min(axis=0), truth.values.max(axis=0)
     return SamplingStudy(
         strategies=tuple(_name(strategy) for strategy in chosen),
@@ -110,7 +110,7 @@ def sampling_study(
     )
 
 
-def true_samples(site: Site) -> Samples:
+def _true_samples(site: Site) -> Samples:
     """What reconstructions are judged by: every measured sample, or evenly spread places of the model."""
     if site.candidates is not None:
         return site.candidates
@@ -118,7 +118,7 @@ def true_samples(site: Site) -> Samples:
     return Samples(places, site.values(places), None, site.model.frame)
 
 
-def errors_at(surface: Any, truth: Samples) -> tuple[float, float]:
+def _errors_at(surface: Any, truth: Samples) -> tuple[float, float]:
     """Root-mean-square and largest distance of a surface from true values at the same parameters."""
     reached = np.asarray(surface(truth.parameters), np.float64).reshape(truth.values.shape)
     errors = np.linalg.norm(truth.values - reached, axis=1)
