@@ -16,8 +16,21 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import Rectangle  # noqa: E402
 
 import tsplinejax as tsj  # noqa: E402
-from tsplinejax.data import freeform_artefact, plate_with_particles, scattered_peaks  # noqa: E402
-from tsplinejax.plot import plot_error, plot_form_removal, plot_mesh, plot_overview, plot_tolerance_study  # noqa: E402
+from tsplinejax.data import (  # noqa: E402
+    freeform_artefact,
+    laser_textured_disk,
+    plate_with_particles,
+    scattered_peaks,
+)
+from tsplinejax.plot import (  # noqa: E402
+    plot_error,
+    plot_form_removal,
+    plot_mesh,
+    plot_overview,
+    plot_samples,
+    plot_sampling_study,
+    plot_tolerance_study,
+)
 from tsplinejax.space import bezier_elements  # noqa: E402
 
 IMAGES = Path(__file__).parent / "images"
@@ -76,6 +89,19 @@ def form() -> Figure:
     return plot_form_removal(tsj.remove_form(freeform_artefact(30_000), method="normal", robust=True))
 
 
+def sampling() -> Figure:
+    """Greville samples on the T-mesh of a laser bump, and what a number of samples is worth."""
+    model = tsj.fit(laser_textured_disk((128, 128), bumps=1, scale=3.0), relative_tolerance=0.02).surface
+    n = int(model.space.n_functions)
+    strategies = ["greville", "t-patch", "element-area", "curvature", "halton", "uniform"]
+    study = tsj.sampling_study(model, strategies, [round(share * n) for share in (1, 1.2, 2, 4)])
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.8), layout="constrained")
+    plot_samples(tsj.sample(model).parameters, model, axes[0])
+    axes[0].set_title(f"{n} samples for {n} control points")
+    plot_sampling_study(study, axes[1])
+    return figure
+
+
 def t_mesh() -> Figure:
     """A small T-mesh: T-junctions, a local knot vector, Bézier elements."""
     tmesh = tsj.b_lattice(4, 3)
@@ -124,6 +150,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "noise": noise,
     "t_mesh": t_mesh,
     "form": form,
+    "sampling": sampling,
 }
 
 

@@ -31,6 +31,7 @@ LAYERS = [
     "codec",
     "plot",
     "characterise",
+    "sampling",
     "cli",
 ]
 PRIVATE = {"_version", "_errors"}

@@ -82,6 +82,16 @@ if TYPE_CHECKING:
         fit_orthogonal as fit_orthogonal,
     )
     from .parameterisation import Parameterisation as Parameterisation, conformal as conformal, planar as planar
+    from .sampling import (
+        Greville as Greville,
+        Reconstruction as Reconstruction,
+        SampleSet as SampleSet,
+        SamplingStudy as SamplingStudy,
+        TPatch as TPatch,
+        reconstruct as reconstruct,
+        sample as sample,
+        sampling_study as sampling_study,
+    )
 
 _ON_DEMAND = {
     "areal": ("ArealParameters", "areal_parameters"),
@@ -100,6 +110,16 @@ _ON_DEMAND = {
     ),
     "orthogonal": ("Huber", "Joint", "Normal", "OrthogonalFit", "Parametric", "Tukey", "fit_orthogonal"),
     "parameterisation": ("Parameterisation", "conformal", "planar"),
+    "sampling": (
+        "Greville",
+        "Reconstruction",
+        "SampleSet",
+        "SamplingStudy",
+        "TPatch",
+        "reconstruct",
+        "sample",
+        "sampling_study",
+    ),
 }
 
 

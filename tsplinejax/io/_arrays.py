@@ -27,14 +27,19 @@ def load_npy(file: Path) -> np.ndarray:
         return np.load(stream, allow_pickle=False)
 
 
-def read_npz(file: Path) -> RawMap | RawCloud:
-    """Read `.npz`: `heights` with `spacing`, `unit`, `origin`, or `points` with `unit`, `triangles`, or one array."""
+def load_npz(file: Path) -> dict[str, np.ndarray]:
+    """Load every array of an archive after checking that the file holds what their headers declare."""
     with zipfile.ZipFile(file) as archive:
         for member in archive.infolist():
             with archive.open(member) as stream:
                 _check_array(stream, member.file_size)
     with np.load(file, allow_pickle=False) as arrays:
-        entries = {name: arrays[name] for name in arrays.files}
+        return {name: arrays[name] for name in arrays.files}
+
+
+def read_npz(file: Path) -> RawMap | RawCloud:
+    """Read `.npz`: `heights` with `spacing`, `unit`, `origin`, or `points` with `unit`, `triangles`, or one array."""
+    entries = load_npz(file)
     unit = str(entries["unit"]) if "unit" in entries else None
     notes = tuple(json.loads(str(entries["notes"]))) if "notes" in entries else ()
     if "heights" in entries:

@@ -1,4 +1,4 @@
-"""Pictures for print: height maps, T-meshes, errors, convergence, tolerance studies and 3-D views, drawn by matplotlib.
+"""Pictures for print: height maps, T-meshes, errors, convergence, studies, samples and 3-D views, by matplotlib.
 
 Every function takes the axes to draw on as `ax` and returns them; without `ax` it makes a figure of its own, in a
 style for print. Coordinates on the axes are those of the data: only the labels of ticks are written in a handier unit
@@ -17,6 +17,7 @@ from ._error import plot_error as plot_error
 from ._height_map import plot_height_map as plot_height_map
 from ._mesh import plot_mesh as plot_mesh
 from ._overview import plot_overview as plot_overview
+from ._sampling import plot_samples as plot_samples, plot_sampling_study as plot_sampling_study
 from ._surface_3d import plot_surface_3d as plot_surface_3d
 from ._texture import plot_form_removal as plot_form_removal, plot_texture as plot_texture
 from ._tolerance_study import plot_tolerance_study as plot_tolerance_study
