@@ -16,8 +16,20 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import Rectangle  # noqa: E402
 
 import tsplinejax as tsj  # noqa: E402
-from tsplinejax.data import freeform_artefact, plate_with_particles, scattered_peaks  # noqa: E402
-from tsplinejax.plot import plot_error, plot_form_removal, plot_mesh, plot_overview, plot_tolerance_study  # noqa: E402
+from tsplinejax.data import (  # noqa: E402
+    freeform_artefact,
+    plate_with_particles,
+    scattered_peaks,
+    structured_with_missing,
+)
+from tsplinejax.plot import (  # noqa: E402
+    plot_error,
+    plot_filling,
+    plot_form_removal,
+    plot_mesh,
+    plot_overview,
+    plot_tolerance_study,
+)
 from tsplinejax.space import bezier_elements  # noqa: E402
 
 IMAGES = Path(__file__).parent / "images"
@@ -76,6 +88,12 @@ def form() -> Figure:
     return plot_form_removal(tsj.remove_form(freeform_artefact(30_000), method="normal", robust=True))
 
 
+def filling() -> Figure:
+    """Pillars of which a fifth is missing, and how they are filled."""
+    pillars = structured_with_missing((160, 160), noise=0.01)
+    return plot_filling(pillars, tsj.fill_missing(pillars, border=True))
+
+
 def t_mesh() -> Figure:
     """A small T-mesh: T-junctions, a local knot vector, Bézier elements."""
     tmesh = tsj.b_lattice(4, 3)
@@ -124,6 +142,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "noise": noise,
     "t_mesh": t_mesh,
     "form": form,
+    "filling": filling,
 }
 
 

@@ -31,6 +31,7 @@ LAYERS = [
     "codec",
     "plot",
     "characterise",
+    "filling",
     "cli",
 ]
 PRIVATE = {"_version", "_errors"}

@@ -28,7 +28,7 @@ def load_npy(file: Path) -> np.ndarray:
 
 
 def read_npz(file: Path) -> RawMap | RawCloud:
-    """Read `.npz`: `heights` with `spacing`, `unit`, `origin`, or `points` with `unit`, `triangles`, or one array."""
+    """Read `.npz`: `heights` (with `spacing`, `unit`, `origin`, `filled`), `points` (with `unit`, `triangles`), or one."""
     with zipfile.ZipFile(file) as archive:
         for member in archive.infolist():
             with archive.open(member) as stream:
@@ -40,9 +40,8 @@ def read_npz(file: Path) -> RawMap | RawCloud:
     if "heights" in entries:
         origin = entries.get("origin", np.zeros(2))
         spacing = entries.get("spacing")
-        return RawMap(
-            entries["heights"], None if spacing is None else tuple(spacing), unit or None, tuple(origin), notes
-        )
+        steps = None if spacing is None else tuple(spacing)
+        return RawMap(entries["heights"], steps, unit or None, tuple(origin), notes, entries.get("filled"))
     if "points" in entries:
         return RawCloud(entries["points"], unit or None, entries.get("triangles"), notes)
     if len(entries) == 1:
@@ -63,6 +62,8 @@ def write_npz(stream: BinaryIO, data: HeightMap | PointCloud) -> None:
         entries["notes"] = np.array(json.dumps(list(notes)))
     if isinstance(data, HeightMap):
         entries |= {"heights": data.heights, "spacing": np.array(data.spacing), "origin": np.array(data.origin)}
+        if data.filled is not None:
+            entries["filled"] = data.filled
     else:
         entries["points"] = data.points
         if data.triangles is not None:
