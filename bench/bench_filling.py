@@ -98,7 +98,9 @@ def row(name: str, kind: str, whole: tsj.HeightMap, missing: np.ndarray, options
     seconds = time.perf_counter() - started
     errors = filled.map.heights[missing] - truth
     ours = float(np.sqrt(np.mean(errors**2))) / spread
-    overshoot = max(filled.map.heights[missing].max() - whole.heights.max(), whole.heights.min() - filled.map.heights[missing].min())
+    overshoot = max(
+        filled.map.heights[missing].max() - whole.heights.max(), whole.heights.min() - filled.map.heights[missing].min()
+    )
     line = {
         "surface": name,
         "holes": kind,

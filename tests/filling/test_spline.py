@@ -15,7 +15,9 @@ def filled(filler, heights, sides=ONE):
     missing = np.isnan(heights)
     window = Window(slice(0, heights.shape[0]), slice(0, heights.shape[1]), missing)
     result = heights.copy()
-    result[missing] = filler.prepare(Field(heights, sides, float(np.nanmax(heights) - np.nanmin(heights)) or 1.0))(window)
+    result[missing] = filler.prepare(Field(heights, sides, float(np.nanmax(heights) - np.nanmin(heights)) or 1.0))(
+        window
+    )
     return result
 
 

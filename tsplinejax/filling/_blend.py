@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import nnls
 
 #: A filler without which the error would be larger by no more than this is left out.
 _HARDLY = 1.003
@@ -42,7 +43,6 @@ def blend_weights(
 
 def _convex(errors: Float[np.ndarray, "pixels fillers"]) -> tuple[Float[np.ndarray, " fillers"], float]:
     """Weights, not negative and adding up to one, of the least mean square, and its root."""
-    from scipy.optimize import nnls
 
     scale = float(np.sqrt(np.mean(errors**2)))
     if scale == 0:

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.linalg import cho_factor, cho_solve
+from scipy.ndimage import distance_transform_edt, maximum_filter
 
 from ._filler import AbstractFiller, Field, Predict, Window
 
@@ -57,10 +60,14 @@ class Covariance:
 
     def between(self, first: Int[np.ndarray, "m 2"], second: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "m n"]:
         """Covariances of pixels."""
-        lag = first[:, None, :] - second[None, :, :]
-        far = np.abs(lag).max(axis=-1) > self.reach
-        place = np.clip(lag, -self.reach, self.reach) + self.reach
-        return np.where(far, 0.0, self.values[place[..., 0], place[..., 1]])
+        rows, columns = (np.subtract.outer(first[:, k], second[:, k]) for k in range(2))
+        width = 2 * self.reach + 1
+        if max(np.abs(rows).max(), np.abs(columns).max()) <= self.reach:
+            return self.values.ravel().take(rows * width + columns + (width * width) // 2)
+        near = (np.abs(rows) <= self.reach) & (np.abs(columns) <= self.reach)
+        result = np.zeros(rows.shape)
+        result[near] = self.values.ravel().take(rows[near] * width + columns[near] + (width * width) // 2)
+        return result
 
     @property
     def variance(self) -> float:
@@ -77,7 +84,6 @@ def covariance_of(heights: Float[np.ndarray, "rows columns"]) -> Covariance:
     >>> covariance_of(np.random.default_rng(0).normal(size=(40, 50))).reach
     20
     """
-    from scipy.fft import irfft2, next_fast_len, rfft2
 
     rows, columns = heights.shape
     reach = min(rows, columns) // 2
@@ -111,7 +117,6 @@ def _quadratic(heights: Float[np.ndarray, "r c"], known: Bool[np.ndarray, "r c"]
 
 def _periods(covariance: Covariance) -> Int[np.ndarray, "n 2"]:
     """Lags other than zero at which the map is most like itself."""
-    from scipy.ndimage import maximum_filter
 
     correlation = covariance.values / max(covariance.variance, np.finfo(float).tiny)
     reach = covariance.reach
@@ -129,7 +134,6 @@ def _predicted(
     field: Field, window: Window, covariance: Covariance, periods: Int[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " wanted"]:
     """The best prediction of a window's wanted pixels."""
-    from scipy.linalg import cho_factor, cho_solve
 
     corner = np.array([window.rows.start, window.columns.start])
     wanted = np.argwhere(window.wanted) + corner
@@ -165,7 +169,6 @@ def _asked(
     periods: Int[np.ndarray, "n 2"],
 ) -> Int[np.ndarray, "k 2"]:
     """The known pixels that are asked: all near ones, some further off, and those a period away."""
-    from scipy.ndimage import distance_transform_edt
 
     part = heights[window.rows, window.columns]
     known = np.isfinite(part)

@@ -29,7 +29,7 @@ _HIDDEN = 4000
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
     """The fillers that are tried: stiff, slack, smooth and creased splines, and the covariance of the map.
 
-    With `edges` only those that do not swing: membranes, and splines with creases.
+    With `edges` only those that hardly swing.
 
     >>> len(default_fillers(edges=True))
     4
@@ -38,12 +38,12 @@ def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
         SplineFiller(1, 1e-3),
         SplineFiller(1, 1e-2, creases=True),
         SplineFiller(2, 1e-2, creases=True),
-        SplineFiller(2, 1.0, creases=True),
+        CovarianceFiller(),
     )
     if edges:
         return bounded
     free = (SplineFiller(2, 1e-3), SplineFiller(2, 1.0), SplineFiller(2, 30.0), SplineFiller(3, 1e-3))
-    return (*free, SplineFiller(1, 1e-3), SplineFiller(2, 1e-2, creases=True), CovarianceFiller())
+    return (*free, *bounded)
 
 
 def fill_missing(
@@ -254,7 +254,9 @@ def _warnings(wanted: np.ndarray, left: np.ndarray, verdict: _Verdict) -> list[s
 def _check(height_map: Any, exact: bool, smooth_all: bool, criterion: dict[str, Any]) -> None:
     """Data and options that go together."""
     if not isinstance(height_map, HeightMap):
-        raise InputError("holes are filled in height maps, but this is a point cloud; read it with as_='map' (--as map)")
+        raise InputError(
+            "holes are filled in height maps, but this is a point cloud; read it with as_='map' (--as map)"
+        )
     if not height_map.valid.any():
         raise InputError("every height of the map is missing (NaN): there is nothing to fill from")
     if exact and smooth_all:

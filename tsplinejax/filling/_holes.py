@@ -4,13 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import distance_transform_edt, find_objects, label, maximum, maximum_filter, minimum, minimum_filter
 
 from ._filler import Window
 
 #: Side of the tiles that gather tiny holes, and cut large ones.
 _TILE = 32
 #: A hole at most this wide, and at least this deep, has a window of its own.
-_WIDEST, _SHALLOWEST = 40, 3.0
+_WIDEST, _SHALLOWEST = 64, 3.0
 _RIM = 7
 
 Box = tuple[int, int, int, int]
@@ -22,7 +23,6 @@ def labelled(missing: Bool[np.ndarray, "r c"]) -> tuple[Int[np.ndarray, "r c"], 
     >>> labelled(np.array([[True, False, True]]))[1]
     2
     """
-    from scipy.ndimage import label
 
     numbers, count = label(missing)  # pyright: ignore[reportGeneralTypeIssues]
     return numbers, int(count)
@@ -44,7 +44,6 @@ def interior(missing: Bool[np.ndarray, "r c"]) -> Bool[np.ndarray, "r c"]:
 
 def depth_of(missing: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
     """Distance in pixels of each missing pixel from the nearest known one; infinite where nothing is known."""
-    from scipy.ndimage import distance_transform_edt
 
     if missing.all():
         return np.full(missing.shape, np.inf)
@@ -57,7 +56,6 @@ def windows(wanted: Bool[np.ndarray, "r c"], depth: Float[np.ndarray, "r c"], ma
     A hole of middling size has a window of its own. Tiny ones share the windows of tiles; tiles cut large ones, too, and
     there the margin is wide enough that the cut through the hole is felt little.
     """
-    from scipy.ndimage import find_objects, maximum
 
     numbers, count = labelled(wanted)
     boxes = np.array([(r.start, c.start, r.stop, c.stop) for r, c in find_objects(numbers)], int).reshape(-1, 4)
@@ -97,7 +95,6 @@ def bounds_of(
     >>> low[0, 2].item(), high[0, 2].item()
     (0.0, 3.0)
     """
-    from scipy.ndimage import maximum, maximum_filter, minimum, minimum_filter
 
     missing = np.isnan(heights)
     numbers, count = labelled(missing)

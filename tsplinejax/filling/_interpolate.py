@@ -6,6 +6,7 @@ each; at the border the second derivative is zero, which makes the curve along e
 """
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from .._errors import InputError
 from ..data import HeightMap
@@ -23,7 +24,6 @@ def interpolate(height_map: HeightMap) -> TSpline:
     >>> round(float(surface.at(2.0, 1.0)), 9)
     36.0
     """
-    from scipy.interpolate import make_interp_spline
 
     frame, (rows, columns) = height_map.frame, height_map.shape
     if not height_map.valid.all():

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import binary_dilation
 
 from ._holes import labelled
 
@@ -108,7 +109,6 @@ def _like_place(
 
 def _rim(shape: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "r 2"]:
     """Pixels beside a shape, two wide."""
-    from scipy.ndimage import binary_dilation
 
     low = shape.min(axis=0) - 2
     inside = np.zeros(shape.max(axis=0) - low + 3, bool)

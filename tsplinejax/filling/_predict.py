@@ -5,18 +5,20 @@ filled first on a map of half the resolution (and those deep even there on a qua
 they then count as known.
 """
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import binary_dilation, map_coordinates
+from threadpoolctl import threadpool_limits
 
 from ._filler import AbstractFiller, Field
 from ._holes import depth_of, windows
 
 #: Holes deeper than the first are begun on a coarser map; pixels deeper than the second are taken from it.
 _DEEP, _PINNED = 18.0, 12.0
-_WORKERS = 2
 
 
 def predict(
@@ -33,7 +35,8 @@ def predict(
         depth = depth_of(np.isnan(heights))
     fill = filler.prepare(field)
     parts = list(windows(wanted, depth, filler.margin))
-    with ThreadPoolExecutor(_WORKERS) as pool:
+    # The factorisations are small: BLAS threads within each only wait for one another.
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
         for window, values in zip(parts, pool.map(fill, parts), strict=True):
             heights[window.rows, window.columns][window.wanted] = values
     if field.low is not None and field.high is not None:
@@ -45,7 +48,6 @@ def _from_coarser(
     filler: AbstractFiller, field: Field, deep: Bool[np.ndarray, "rows columns"]
 ) -> Float[np.ndarray, " deep"]:
     """Heights of the deep pixels, predicted on a map of half the resolution."""
-    from scipy.ndimage import binary_dilation, map_coordinates
 
     coarse = halved(field.heights)
     wanted = np.isnan(coarse) & binary_dilation(halved(np.where(deep, 1.0, np.nan), 1) == 1, iterations=2)

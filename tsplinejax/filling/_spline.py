@@ -17,6 +17,7 @@ from math import comb
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solveh_banded
 
 from ..space import gram
 from ._filler import AbstractFiller, Field, Predict, Window
@@ -25,7 +26,7 @@ from ._filler import AbstractFiller, Field, Predict, Window
 _TAPS = np.array([1.0, 4.0, 1.0]) / 6
 #: Bernstein coefficients, on one element, of the four uniform cubic B-splines that live there.
 _PIECES = np.array([[1, 0, 0, 0], [4, 4, 2, 1], [1, 2, 4, 4], [0, 0, 0, 1]]) / 6
-_ROUNDS = 8
+_ROUNDS, _SETTLED = 8, 3e-3
 #: Roots of energies well below this share of the heights' scale are not worth a crease.
 _CREASE = 0.02
 #: Weight of the mean height at every pixel, where nothing else determines the spline.
@@ -79,7 +80,9 @@ class SplineFiller(AbstractFiller):
         for _ in range(_ROUNDS if self.creases else 0):
             densities = _element_energies(points, energy / self.smoothing)
             weights = _CREASE / np.sqrt(densities + _CREASE**2)
-            points = _solved(_with_energy(data, energy, weights), load)
+            before, points = points, _solved(_with_energy(data, energy, weights), load)
+            if np.abs(points - before).max() < _SETTLED:
+                break
         filled = _evaluate(points) * field.scale + mean
         return filled[window.wanted]
 
@@ -137,7 +140,6 @@ def _spread(values: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h+2 w+2"]:
 
 def _solved(planes: Planes, load: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """Solve by banded Cholesky factorisation, along the shorter side first."""
-    from scipy.linalg import solveh_banded
 
     h, w = load.shape
     if h < w:
