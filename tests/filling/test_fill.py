@@ -9,12 +9,16 @@ from tsplinejax.data import peaks, structured_with_missing
 from tsplinejax.filling import SplineFiller, interpolate
 
 
+#: Where the choice of fillers is not what is tested.
+FEW = (SplineFiller(2), SplineFiller(1))
+
+
 def rms(values):
     """Root mean square."""
     return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
 
 
-def rough(shape=(96, 96), seed=0):
+def rough(shape=(64, 64), seed=0):
     """A filtered noise on waves: what is rough, with a length of its own."""
     from scipy.ndimage import gaussian_filter
 
@@ -39,7 +43,7 @@ def test_measured_pixels_stay_and_filled_ones_are_marked(dtype):
     heights = rough().astype(dtype)
     missing = blobs(heights.shape)
     data = tsj.HeightMap(np.where(missing, np.nan, heights), (0.5, 0.7), "µm")
-    filled = tsj.fill_missing(data)
+    filled = tsj.fill_missing(data, fillers=FEW)
     assert filled.map.heights.dtype == dtype
     np.testing.assert_array_equal(filled.map.heights[~missing], heights[~missing])
     np.testing.assert_array_equal(filled.map.filled, missing)
@@ -53,11 +57,11 @@ def test_border_holes_are_left_unless_asked():
     """They stay missing and the result says so; border=True fills them."""
     heights = np.add.outer(np.arange(40.0), np.arange(50.0))
     heights[:5, :6] = heights[20:24, 20:25] = np.nan
-    filled = tsj.fill_missing(heights)
+    filled = tsj.fill_missing(heights, fillers=FEW)
     assert (filled.n_filled, int(filled.left.sum())) == (20, 30)
     assert np.isnan(filled.map.heights[:5, :6]).all()
     assert "border=True" in filled.warnings[0]
-    whole = tsj.fill_missing(heights, border=True)
+    whole = tsj.fill_missing(heights, border=True, fillers=FEW)
     assert whole.map.valid.all()
     np.testing.assert_allclose(whole.map.heights, np.add.outer(np.arange(40.0), np.arange(50.0)), atol=0.05)
 
@@ -66,7 +70,7 @@ def test_areal_parameters_leave_filled_pixels_out():
     """A filled map gives the parameters of what was measured, unless asked for all of it."""
     heights = rough()
     data = tsj.HeightMap(np.where(blobs(heights.shape), np.nan, heights), (1.0, 1.0), "µm")
-    filled = tsj.fill_missing(data).map
+    filled = tsj.fill_missing(data, fillers=FEW).map
     assert tsj.areal_parameters(filled).Sq == tsj.areal_parameters(data).Sq
     assert tsj.areal_parameters(filled, include_filled=True).Sq != tsj.areal_parameters(data).Sq
 
@@ -77,10 +81,10 @@ def test_nothing_is_missing():
     assert (filled.n_filled, filled.weights, filled.warnings) == (0, {}, ())
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_mixture_beats_every_filler_and_knows_its_error(seed):
     """On a rough map the error at the holes is about what the hidden patches promise, and no filler alone is better."""
-    heights = rough((128, 128), seed)
+    heights = rough((112, 112), seed)
     missing = blobs(heights.shape, seed, 24)
     filled = tsj.fill_missing(np.where(missing, np.nan, heights), rng=seed)
     errors = filled.map.heights[missing] - heights[missing]
@@ -92,8 +96,8 @@ def test_mixture_beats_every_filler_and_knows_its_error(seed):
 
 def test_edges_do_not_swing():
     """Pillars of which a fifth is missing: nothing rises above them by more than a twentieth of their height."""
-    data = structured_with_missing((128, 128), noise=0.005)
-    truth = structured_with_missing((128, 128), missing=0).heights
+    data = structured_with_missing((96, 96), noise=0.005)
+    truth = structured_with_missing((96, 96), missing=0).heights
     filled = tsj.fill_missing(data, edges=True, border=True)
     missing = ~data.valid
     values = filled.map.heights[missing]
@@ -106,7 +110,7 @@ def test_exact_interpolates_every_pixel():
     """The surface passes through every measured and every filled pixel to 1e-9 of the range, on unequal spacing."""
     data = peaks((60, 45))
     holed = data.with_mask(blobs(data.shape, 3, 5))
-    filled = tsj.fill_missing(holed, exact=True)
+    filled = tsj.fill_missing(holed, exact=True, fillers=FEW)
     assert filled.surface is not None
     assert filled.control_points == 62 * 47
     samples = filled.map.samples()
@@ -128,7 +132,7 @@ def test_smooth_all_takes_every_height_from_the_surface():
     """Noise is smoothed away everywhere, and the holes are no trouble to the fit."""
     clean, noisy = peaks((80, 80)), peaks((80, 80), noise=0.01)
     missing = blobs(clean.shape, 1, 8)
-    filled = tsj.fill_missing(noisy.with_mask(missing), smooth_all=True)
+    filled = tsj.fill_missing(noisy.with_mask(missing), smooth_all=True, fillers=FEW)
     assert filled.stop == "noise"
     assert rms(filled.map.heights - clean.heights) < 0.7 * rms(noisy.heights - clean.heights)
     assert rms((filled.map.heights - clean.heights)[missing]) < 0.01 * clean.range

@@ -69,15 +69,16 @@ class Calibration:
     uncertainties: Float[np.ndarray, " bins"]
 
     def __call__(self, disagreements: Float[np.ndarray, " pixels"]) -> Float[np.ndarray, " pixels"]:
-        """Standard uncertainty of each pixel."""
-        return np.interp(disagreements, self.disagreements, self.uncertainties)
+        """Standard uncertainty of each pixel; beyond all that was hidden it grows with the disagreement."""
+        beyond = np.maximum(disagreements / max(self.disagreements[-1], np.finfo(float).tiny), 1)
+        return beyond * np.interp(disagreements, self.disagreements, self.uncertainties)
 
 
 def calibrated(disagreements: Float[np.ndarray, " pixels"], errors: Float[np.ndarray, " pixels"]) -> Calibration:
     """Root mean square errors of pixels of about the same disagreement.
 
     >>> calibrated(np.ones(8), np.array([1.0, -1.0] * 4))(np.array([1.0, 2.0])).tolist()
-    [1.0, 1.0]
+    [1.0, 2.0]
     """
     order = np.argsort(disagreements, kind="stable")
     bins = int(np.clip(len(order) // _LEAST_IN_BIN, 1, _BINS))

@@ -42,7 +42,7 @@ class CovarianceFiller(AbstractFiller):
     @property
     def margin(self) -> int:
         """A fixed number, thinned outwards."""
-        return 12
+        return 8
 
     def prepare(self, field: Field) -> Predict:
         """Find the covariance and its periods."""
@@ -175,8 +175,9 @@ def _asked(
     distance = distance_transform_edt(~window.wanted)
     i, j = np.indices(part.shape)
     thinned = (i % _THIN == 0) & (j % _THIN == 0)
-    chosen = [np.argwhere(known & ((distance <= _NEAR) | thinned)) + (window.rows.start, window.columns.start)]
-    count = len(chosen[0])
+    near = np.argwhere(known & ((distance <= _NEAR) | thinned)) + np.array([window.rows.start, window.columns.start])
+    chosen = [near]
+    count = len(near)
     for period in periods:
         there = wanted + period
         there = there[np.all((there >= 0) & (there < heights.shape), axis=1)]

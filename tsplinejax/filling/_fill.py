@@ -22,8 +22,8 @@ from ._patches import hidden_patches
 from ._predict import predict
 from ._spline import SplineFiller
 
-#: Pixels that are hidden to judge the fillers.
-_HIDDEN = 4000
+#: Pixels that are hidden to judge the fillers, in so many rounds at most: a round hides but a small part of a map.
+_HIDDEN, _ROUNDS = 5000, 4
 
 
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
@@ -42,7 +42,13 @@ def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
     )
     if edges:
         return bounded
-    free = (SplineFiller(2, 1e-3), SplineFiller(2, 1.0), SplineFiller(2, 30.0), SplineFiller(3, 1e-3))
+    free = (
+        SplineFiller(2, 1e-3),
+        SplineFiller(2, 1.0),
+        SplineFiller(2, 30.0),
+        SplineFiller(2, 1e3),
+        SplineFiller(3, 1e-3),
+    )
     return (*free, *bounded)
 
 
@@ -149,20 +155,26 @@ class _Verdict:
 def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.random.Generator) -> _Verdict:
     """Hide patches, let every filler predict them, and compare."""
     names, count = tuple(filler.name for filler in task.fillers), len(task.fillers)
-    hidden = hidden_patches(task.heights, wanted, rng, _HIDDEN) if wanted.any() else np.zeros(wanted.shape, bool)
-    if not hidden.any():
-        weights = np.zeros(count)
-        weights[0] = 1.0
-        return _Verdict(names, weights, np.arange(1), np.full(count, np.nan), float("nan"), 0, None)
-    truth = task.heights[hidden]
-    predictions = task.predicted(np.where(hidden, np.nan, task.heights), hidden, range(count))
+    parts, truths, known = [], [], 0
+    for _ in range(_ROUNDS if wanted.any() else 0):
+        hidden = hidden_patches(task.heights, wanted, rng, _HIDDEN - known)
+        if not hidden.any():
+            break
+        parts.append(task.predicted(np.where(hidden, np.nan, task.heights), hidden, range(count)))
+        truths.append(task.heights[hidden])
+        known += len(truths[-1])
+        if known > 0.9 * _HIDDEN:
+            break
+    if not known:
+        return _Verdict(names, np.eye(count)[0], np.arange(1), np.full(count, np.nan), float("nan"), 0, None)
+    predictions, truth = np.concatenate(parts, axis=1), np.concatenate(truths)
     weights = blend_weights(predictions, truth)
     alone = np.sqrt(np.mean((predictions - truth) ** 2, axis=1))
     used = _compared(weights, alone)
     blended = weights @ predictions
     spread = disagreement(predictions[used], blended)
     rms = float(np.sqrt(np.mean((blended - truth) ** 2)))
-    return _Verdict(names, weights, used, alone, rms, len(truth), calibrated(spread, blended - truth))
+    return _Verdict(names, weights, used, alone, rms, known, calibrated(spread, blended - truth))
 
 
 def _compared(weights: Float[np.ndarray, " fillers"], alone: Float[np.ndarray, " fillers"]) -> Int[np.ndarray, " used"]:

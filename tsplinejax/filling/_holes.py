@@ -1,6 +1,7 @@
 """Where a map is missing: holes, their depth, which of them touch the border, and the windows that cover them."""
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,7 +9,7 @@ from scipy.ndimage import distance_transform_edt, find_objects, label, maximum, 
 
 from ._filler import Window
 
-#: Side of the tiles that gather tiny holes, and cut large ones.
+#: Side of the tiles that cut large holes; half of it gathers tiny ones.
 _TILE = 32
 #: A hole at most this wide, and at least this deep, has a window of its own.
 _WIDEST, _SHALLOWEST = 64, 3.0
@@ -53,8 +54,8 @@ def depth_of(missing: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
 def windows(wanted: Bool[np.ndarray, "r c"], depth: Float[np.ndarray, "r c"], margin: int) -> Iterator[Window]:
     """Cover the wanted pixels by windows with margins of what tells them.
 
-    A hole of middling size has a window of its own. Tiny ones share the windows of tiles; tiles cut large ones, too, and
-    there the margin is wide enough that the cut through the hole is felt little.
+    A hole of middling size has a window of its own. Tiny ones share the windows of tiles. Tiles cut large ones, too,
+    and there the margin is wide enough that the cut through the hole is felt little.
     """
 
     numbers, count = labelled(wanted)
@@ -64,14 +65,14 @@ def windows(wanted: Bool[np.ndarray, "r c"], depth: Float[np.ndarray, "r c"], ma
     for number in np.flatnonzero(own):
         box = tuple(boxes[number])
         yield _window(numbers, box, margin, lambda part, hole=number + 1: part == hole)
-    shared = np.append(False, ~own)[numbers] & wanted
-    for top in range(0, wanted.shape[0], _TILE):
-        for left in range(0, wanted.shape[1], _TILE):
-            tile = shared[top : top + _TILE, left : left + _TILE]
+    for chosen, side in ((~own & (deepest < _SHALLOWEST), _TILE // 2), (~own & (deepest >= _SHALLOWEST), _TILE)):
+        shared = np.append(False, chosen)[numbers]
+        for top, left in product(range(0, wanted.shape[0], side), range(0, wanted.shape[1], side)):
+            tile = shared[top : top + side, left : left + side]
             if tile.any():
                 rows, columns = np.flatnonzero(tile.any(axis=1)), np.flatnonzero(tile.any(axis=0))
                 box = (top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1)
-                reach = int(depth[top : top + _TILE, left : left + _TILE][tile].max())
+                reach = int(depth[top : top + side, left : left + side][tile].max())
                 yield _window(shared, box, margin + 2 * (reach - 1), lambda part: part)
 
 

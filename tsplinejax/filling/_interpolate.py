@@ -36,5 +36,5 @@ def interpolate(height_map: HeightMap) -> TSpline:
         points = make_interp_spline(np.arange(float(count)), points, k=3, bc_type="natural").c.T
     tmesh = b_lattice(columns - 1, rows - 1)
     space = spline_space(tmesh, dtype=height_map.heights.dtype, rational=False)
-    across, down = (tmesh.anchors[:, axis] + 1 for axis in range(2))
+    across, down = (tmesh.anchors[:, axis] // tmesh.frame + 1 for axis in range(2))  # from one before the border
     return make_surface(space, points[down, across], frame)

@@ -28,7 +28,7 @@ def load_npy(file: Path) -> np.ndarray:
 
 
 def read_npz(file: Path) -> RawMap | RawCloud:
-    """Read `.npz`: `heights` (with `spacing`, `unit`, `origin`, `filled`), `points` (with `unit`, `triangles`), or one."""
+    """Read `.npz`: `heights` (with `spacing`, `unit`, `origin`, `filled`), `points` (`unit`, `triangles`), or one."""
     with zipfile.ZipFile(file) as archive:
         for member in archive.infolist():
             with archive.open(member) as stream:
