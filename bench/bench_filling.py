@@ -5,7 +5,8 @@ where the surface is steep, as optical instruments leave them. The pillars of T4
 centres (the paper's Fig. 9). Errors are rms over the holes, as shares of the map's range. `ratio` is ours over the best
 of the peers, which all see the same pixels: scikit-image's biharmonic inpainting, scipy's linear griddata, its
 thin-plate splines among neighbours, and multilevel B-splines. `validated` is the error that the method expects from the
-patches it hides, `covered` the share of true errors within twice its standard uncertainty (95 % is right).
+patches it hides, `covered` the share of true errors within twice its standard uncertainty (95 % is right). surfalize's
+own fill is scipy's nearest neighbour or linear interpolation, the columns of those names.
 """
 
 import sys
@@ -23,7 +24,7 @@ jax.config.update("jax_enable_x64", True)
 import tsplinejax as tsj  # noqa: E402
 
 
-def main(side: str = "160", pillars: str = "512") -> None:
+def main(side: str = "144", pillars: str = "512") -> None:
     """Fill every map's holes of every kind, and T4's."""
     keep("filling", [*real(int(side))], peers=("scikit-image",))
     keep("filling_pillars", [*structured(int(pillars))], peers=("scikit-image",))

@@ -30,6 +30,14 @@ def linear(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:
     return result
 
 
+def nearest(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:
+    """scipy's nearest neighbour: surfalize's own fill, unless it is asked for scipy's linear interpolation."""
+    from scipy.interpolate import griddata
+
+    known, missing, values = _scattered(heights, spacing)
+    return griddata(known, values, missing, method="nearest")
+
+
 def radial(heights: np.ndarray, spacing: tuple[float, float], neighbours: int = 50) -> np.ndarray:
     """scipy's thin-plate spline through the nearest known pixels of each missing one."""
     from scipy.interpolate import RBFInterpolator
@@ -102,6 +110,7 @@ def _beside(missing: np.ndarray, within: int = 8) -> np.ndarray:
 PEERS: dict[str, Fill] = {
     "biharmonic": biharmonic,
     "linear": linear,
+    "nearest": nearest,
     "thin plate, 50 neighbours": radial,
     "multilevel B-splines": multilevel,
 }

@@ -8,7 +8,6 @@ import tsplinejax as tsj
 from tsplinejax.data import peaks, structured_with_missing
 from tsplinejax.filling import SplineFiller, interpolate
 
-
 #: Where the choice of fillers is not what is tested.
 FEW = (SplineFiller(2), SplineFiller(1))
 

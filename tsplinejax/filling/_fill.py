@@ -22,8 +22,8 @@ from ._patches import hidden_patches
 from ._predict import predict
 from ._spline import SplineFiller
 
-#: Pixels that are hidden to judge the fillers, in so many rounds at most: a round hides but a small part of a map.
-_HIDDEN, _ROUNDS = 5000, 4
+#: Pixels and patches that are hidden to judge the fillers, in so many rounds: each hides but a small part of a map.
+_HIDDEN, _PATCHES, _ROUNDS = 5000, 300, 4
 
 
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
@@ -155,15 +155,15 @@ class _Verdict:
 def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.random.Generator) -> _Verdict:
     """Hide patches, let every filler predict them, and compare."""
     names, count = tuple(filler.name for filler in task.fillers), len(task.fillers)
-    parts, truths, known = [], [], 0
+    parts, truths, known, patches = [], [], 0, 0
     for _ in range(_ROUNDS if wanted.any() else 0):
-        hidden = hidden_patches(task.heights, wanted, rng, _HIDDEN - known)
+        hidden, placed = hidden_patches(task.heights, wanted, rng, _HIDDEN - known, _PATCHES - patches)
         if not hidden.any():
             break
         parts.append(task.predicted(np.where(hidden, np.nan, task.heights), hidden, range(count)))
         truths.append(task.heights[hidden])
-        known += len(truths[-1])
-        if known > 0.9 * _HIDDEN:
+        known, patches = known + len(truths[-1]), patches + placed
+        if known > 0.9 * _HIDDEN or patches > 0.9 * _PATCHES:
             break
     if not known:
         return _Verdict(names, np.eye(count)[0], np.arange(1), np.full(count, np.nan), float("nan"), 0, None)

@@ -13,7 +13,8 @@ from scipy.ndimage import binary_dilation
 
 from ._holes import labelled
 
-_MOST_PATCHES, _MOST_SHARE = 1000, 0.08
+#: Draws a patch, of which some find no place; and the share of the known pixels that may be hidden at once.
+_DRAWS, _MOST_SHARE = 3, 0.08
 _TRIES, _PLACES, _LEAST_FREE = 200, 12, 0.75
 #: Sides of a patch at most: what is deeper is told by the same coarse shapes.
 _LARGEST = 48
@@ -52,8 +53,9 @@ def hidden_patches(
     missing: Bool[np.ndarray, "rows columns"],
     rng: np.random.Generator,
     most: int,
-) -> Bool[np.ndarray, "rows columns"]:
-    """Known pixels to hide, about `most` of them; none where the known ones leave no room.
+    most_patches: int,
+) -> tuple[Bool[np.ndarray, "rows columns"], int]:
+    """Known pixels to hide, about `most` of them, and in how many patches; none where the known ones leave no room.
 
     **Arguments:**
 
@@ -61,21 +63,22 @@ def hidden_patches(
     - `missing`: which of the missing pixels are to be filled.
     - `rng`: draws holes and places.
     - `most`: pixels to hide; at most a twelfth of those known.
+    - `most_patches`: how many patches at most.
     """
     known = np.isfinite(heights)
     limit = min(most, int(_MOST_SHARE * known.sum()))
     holes, hidden = Holes(missing), np.zeros(heights.shape, bool)
-    count = 0
-    for _ in range(_MOST_PATCHES):
-        if count >= limit:
+    count, patches = 0, 0
+    for _ in range(_DRAWS * most_patches):
+        if count >= limit or patches >= most_patches:
             break
         shape = holes.drawn(rng)
         place = _like_place(heights, known & ~hidden, shape, rng)
         if place is not None:
             place = place[known[place[:, 0], place[:, 1]]]
             hidden[place[:, 0], place[:, 1]] = True
-            count += len(place)
-    return hidden
+            count, patches = count + len(place), patches + 1
+    return hidden, patches
 
 
 def _like_place(

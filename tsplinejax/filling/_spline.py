@@ -26,7 +26,7 @@ from ._filler import AbstractFiller, Field, Predict, Window
 _TAPS = np.array([1.0, 4.0, 1.0]) / 6
 #: Bernstein coefficients, on one element, of the four uniform cubic B-splines that live there.
 _PIECES = np.array([[1, 0, 0, 0], [4, 4, 2, 1], [1, 2, 4, 4], [0, 0, 0, 1]]) / 6
-_ROUNDS, _SETTLED = 8, 3e-3
+_ROUNDS, _SETTLED = 5, 3e-3
 #: Roots of energies well below this share of the heights' scale are not worth a crease.
 _CREASE = 0.02
 #: Weight of the mean height at every pixel, where nothing else determines the spline.
