@@ -24,7 +24,7 @@ jax.config.update("jax_enable_x64", True)
 import tsplinejax as tsj  # noqa: E402
 
 
-def main(side: str = "144", pillars: str = "512") -> None:
+def main(side: str = "128", pillars: str = "512") -> None:
     """Fill every map's holes of every kind, and T4's."""
     keep("filling", [*real(int(side))], peers=("scikit-image",))
     keep("filling_pillars", [*structured(int(pillars))], peers=("scikit-image",))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import nnls
+from scipy.optimize import isotonic_regression, nnls
 
 #: A filler without which the error would be larger by no more than this is left out.
 _HARDLY = 1.003
@@ -84,5 +84,5 @@ def calibrated(disagreements: Float[np.ndarray, " pixels"], errors: Float[np.nda
     bins = int(np.clip(len(order) // _LEAST_IN_BIN, 1, _BINS))
     parts = np.array_split(order, bins)
     middle = np.array([np.mean(disagreements[part]) for part in parts])
-    sizes = np.array([np.sqrt(np.mean(errors[part] ** 2)) for part in parts])
-    return Calibration(middle, np.maximum.accumulate(sizes))
+    squares = isotonic_regression([np.mean(errors[part] ** 2) for part in parts], weights=[len(part) for part in parts])
+    return Calibration(middle, np.sqrt(squares.x))

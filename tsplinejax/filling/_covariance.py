@@ -21,7 +21,7 @@ from ._filler import AbstractFiller, Field, Predict, Window
 _NEAR, _THIN = 3.0, 3
 #: Correlations above which pixels that lie periods away are asked, and the most periods.
 _REPEATS, _MOST_PERIODS = 0.4, 6
-_MOST_KNOWN = 1000
+_MOST_KNOWN = 1500
 #: A free plane's variance over that of the heights, and the least variance of a pixel of its own.
 _FREE, _LEAST = 1e2, 1e-9
 
