@@ -112,7 +112,7 @@ def row(name: str, kind: str, whole: tsj.HeightMap, missing: np.ndarray, options
         "validated": filled.validated_rms / spread,
         "covered %": 100 * float(np.mean(np.abs(errors) <= 2 * filled.uncertainty[missing])),
         "overshoot %": 100 * max(float(overshoot), 0.0) / spread,
-        "mixture": ", ".join(f"{weight:.2f} {filler}" for filler, weight in filled.weights.items()),
+        "mostly": max(filled.weights, key=filled.weights.__getitem__),
         "seconds": seconds,
     }
     print({key: f"{value:.3g}" if isinstance(value, float) else value for key, value in line.items()}, file=sys.stderr)
