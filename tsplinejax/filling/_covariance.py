@@ -91,19 +91,24 @@ def covariance_of(heights: Float[np.ndarray, "rows columns"]) -> Covariance:
     taper = np.outer(*(np.sin(np.pi * (np.arange(n) + 1) / (n + 1)) for n in heights.shape))
     window = np.where(known, taper, 0.0)
     values = window * np.where(known, heights - _quadratic(heights, known), 0.0)
-    shape = [next_fast_len(n + reach, real=True) for n in heights.shape]
-    spectra = [np.abs(rfft2(part, shape)) ** 2 for part in (values, window)]
-    products, counts = (irfft2(spectrum, shape) for spectrum in spectra)
+    shape = tuple(_fast(n + reach) for n in heights.shape)
+    spectra = [np.abs(np.asarray(rfft2(part, shape))) ** 2 for part in (values, window)]
+    products, counts = (np.asarray(irfft2(spectrum, shape)) for spectrum in spectra)
     lags = np.arange(-reach, reach + 1)
     place = np.ix_(lags, lags)
     distance = np.hypot(*np.meshgrid(lags, lags, indexing="ij")) / (reach + 1)
     fade = np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(distance, 1)), 0)
     faded = fade * products[place] / np.maximum(counts[place], 1e-9 * counts[0, 0])
-    size = next_fast_len(3 * reach + 1, real=True)
+    size = _fast(3 * reach + 1)
     circular = np.zeros((size, size))
     circular[place] = faded
-    positive = irfft2(np.maximum(rfft2(circular).real, 0), (size, size))
+    positive = np.asarray(irfft2(np.maximum(np.real(rfft2(circular)), 0), (size, size)))
     return Covariance(positive[place], reach)
+
+
+def _fast(length: int) -> int:
+    """The next length of which transforms are quick."""
+    return int(next_fast_len(length, real=True))  # pyright: ignore[reportArgumentType] -- scipy states no type
 
 
 def _quadratic(heights: Float[np.ndarray, "r c"], known: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
@@ -112,7 +117,7 @@ def _quadratic(heights: Float[np.ndarray, "r c"], known: Bool[np.ndarray, "r c"]
     terms = [t[:, None] ** a * s**b for a in range(3) for b in range(3 - a)]
     columns = np.stack([term[known] for term in terms], axis=1)
     factors = np.linalg.lstsq(columns.T @ columns, columns.T @ heights[known], rcond=None)[0]
-    return sum(factor * term for factor, term in zip(factors, terms, strict=True))
+    return np.tensordot(factors, np.stack(terms), 1)
 
 
 def _periods(covariance: Covariance) -> Int[np.ndarray, "n 2"]:
@@ -172,7 +177,7 @@ def _asked(
 
     part = heights[window.rows, window.columns]
     known = np.isfinite(part)
-    distance = distance_transform_edt(~window.wanted)
+    distance = np.asarray(distance_transform_edt(~window.wanted))
     i, j = np.indices(part.shape)
     thinned = (i % _THIN == 0) & (j % _THIN == 0)
     near = np.argwhere(known & ((distance <= _NEAR) | thinned)) + np.array([window.rows.start, window.columns.start])

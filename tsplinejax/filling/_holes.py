@@ -48,7 +48,7 @@ def depth_of(missing: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
 
     if missing.all():
         return np.full(missing.shape, np.inf)
-    return distance_transform_edt(missing)
+    return np.asarray(distance_transform_edt(missing))
 
 
 def windows(wanted: Bool[np.ndarray, "r c"], depth: Float[np.ndarray, "r c"], margin: int) -> Iterator[Window]:
