@@ -163,6 +163,20 @@ def test_small_maps_without_room_to_judge():
     assert "no patch" in filled.warnings[0]
 
 
+def test_holes_unlike_all_else_are_said_to_be():
+    """Where the only steep place is the one that is missing, the result says that its errors will be larger."""
+    heights = 0.01 * rough()
+    heights[:, 28:36] += np.linspace(0, 5, 8)
+    heights[:, 36:] += 5
+    heights[3:-3, 29:35] = np.nan
+    filled = tsj.fill_missing(heights, fillers=FEW)
+    assert any("times as uneven" in warning for warning in filled.warnings)
+    assert not any(
+        "times as uneven" in warning
+        for warning in tsj.fill_missing(np.where(blobs((64, 64)), np.nan, rough()), fillers=FEW).warnings
+    )
+
+
 BAD = {
     "cloud": (np.random.default_rng(0).normal(size=(30, 3)), {}, "point cloud"),
     "nothing": (np.full((5, 5), np.nan), {}, "nothing to fill from"),

@@ -57,8 +57,8 @@ def test_hidden_patches_have_the_holes_shapes():
     heights = rng.normal(size=(90, 90)) * 0.01
     heights[:, 45:] += np.arange(45) * 0.5  # a flank on the right
     heights[30:36, 60:68] = np.nan
-    hidden, patches = hidden_patches(heights, np.isnan(heights), rng, 300, 50)
-    assert 6 <= patches <= 8
+    hidden, ratios = hidden_patches(heights, np.isnan(heights), rng, 300, 50)
+    assert 6 <= len(ratios) <= 8
     assert 250 < hidden.sum() <= 348
     assert not np.isnan(heights[hidden]).any()
     assert hidden[:, 45:].sum() > 0.8 * hidden.sum()
@@ -69,6 +69,6 @@ def test_no_room_to_hide(shape):
     """Where nothing fits, nothing is hidden."""
     heights = np.zeros(shape)
     heights[1 : shape[0] - 1, 1 : shape[1] - 1] = np.nan
-    hidden, patches = hidden_patches(heights, np.isnan(heights), np.random.default_rng(0), 100, 10)
+    hidden, ratios = hidden_patches(heights, np.isnan(heights), np.random.default_rng(0), 100, 10)
     assert not hidden.any()
-    assert patches == 0
+    assert not ratios

@@ -24,6 +24,8 @@ from ._spline import SplineFiller
 
 #: Pixels and patches that are hidden to judge the fillers, in so many rounds: each hides but a small part of a map.
 _HIDDEN, _PATCHES, _ROUNDS = 5000, 300, 4
+#: Ratio of unevenness above which hidden patches do not stand for the holes.
+_UNLIKE = 1.4
 
 
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
@@ -141,7 +143,9 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Verdict:
-    """What the hidden patches say: weights, root mean square errors, and the calibration of the uncertainty."""
+    """What the hidden patches say: weights, root mean square errors, the calibration of the uncertainty, and how many
+    times as uneven as theirs the rims of the holes are.
+    """
 
     names: tuple[str, ...]
     weights: Float[np.ndarray, " fillers"]
@@ -150,23 +154,26 @@ class _Verdict:
     rms: float
     hidden: int
     calibration: Calibration | None
+    unlike: float
 
 
 def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.random.Generator) -> _Verdict:
     """Hide patches, let every filler predict them, and compare."""
     names, count = tuple(filler.name for filler in task.fillers), len(task.fillers)
-    parts, truths, known, patches = [], [], 0, 0
+    parts, truths, known = [], [], 0
+    ratios: list[float] = []
     for _ in range(_ROUNDS if wanted.any() else 0):
-        hidden, placed = hidden_patches(task.heights, wanted, rng, _HIDDEN - known, _PATCHES - patches)
+        hidden, placed = hidden_patches(task.heights, wanted, rng, _HIDDEN - known, _PATCHES - len(ratios))
         if not hidden.any():
             break
         parts.append(task.predicted(np.where(hidden, np.nan, task.heights), hidden, range(count)))
         truths.append(task.heights[hidden])
-        known, patches = known + len(truths[-1]), patches + placed
-        if known > 0.9 * _HIDDEN or patches > 0.9 * _PATCHES:
+        known += len(truths[-1])
+        ratios += placed
+        if known > 0.9 * _HIDDEN or len(ratios) > 0.9 * _PATCHES:
             break
     if not known:
-        return _Verdict(names, np.eye(count)[0], np.arange(1), np.full(count, np.nan), float("nan"), 0, None)
+        return _Verdict(names, np.eye(count)[0], np.arange(1), np.full(count, np.nan), float("nan"), 0, None, 1.0)
     predictions, truth = np.concatenate(parts, axis=1), np.concatenate(truths)
     weights = blend_weights(predictions, truth)
     alone = np.sqrt(np.mean((predictions - truth) ** 2, axis=1))
@@ -174,7 +181,8 @@ def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.rando
     blended = weights @ predictions
     spread = disagreement(predictions[used], blended)
     rms = float(np.sqrt(np.mean((blended - truth) ** 2)))
-    return _Verdict(names, weights, used, alone, rms, known, calibrated(spread, blended - truth))
+    unlike = float(np.sqrt(np.mean(np.square(ratios))))
+    return _Verdict(names, weights, used, alone, rms, known, calibrated(spread, blended - truth), unlike)
 
 
 def _compared(weights: Float[np.ndarray, " fillers"], alone: Float[np.ndarray, " fillers"]) -> Int[np.ndarray, " used"]:
@@ -259,6 +267,11 @@ def _warnings(wanted: np.ndarray, left: np.ndarray, verdict: _Verdict) -> list[s
         warnings.append(
             "no patch of the shape of the holes fits where heights are known: the filler could not be chosen nor its "
             "uncertainty be judged"
+        )
+    if verdict.unlike > _UNLIKE:
+        warnings.append(
+            f"the rims of the holes are {verdict.unlike:.2g} times as uneven as those of the patches that could be "
+            "hidden: expect larger errors than validated"
         )
     return warnings
 

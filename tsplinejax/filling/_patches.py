@@ -54,8 +54,9 @@ def hidden_patches(
     rng: np.random.Generator,
     most: int,
     most_patches: int,
-) -> tuple[Bool[np.ndarray, "rows columns"], int]:
-    """Known pixels to hide, about `most` of them, and in how many patches; none where the known ones leave no room.
+) -> tuple[Bool[np.ndarray, "rows columns"], list[float]]:
+    """Known pixels to hide, about `most` of them, and for each patch how many times as uneven its hole's rim is as its
+    own; none where the known pixels leave no room.
 
     **Arguments:**
 
@@ -68,23 +69,25 @@ def hidden_patches(
     known = np.isfinite(heights)
     limit = min(most, int(_MOST_SHARE * known.sum()))
     holes, hidden = Holes(missing), np.zeros(heights.shape, bool)
-    count, patches = 0, 0
+    count, ratios = 0, []
     for _ in range(_DRAWS * most_patches):
-        if count >= limit or patches >= most_patches:
+        if count >= limit or len(ratios) >= most_patches:
             break
         shape = holes.drawn(rng)
-        place = _like_place(heights, known & ~hidden, shape, rng)
-        if place is not None:
+        found = _like_place(heights, known & ~hidden, shape, rng)
+        if found is not None:
+            place, ratio = found
             place = place[known[place[:, 0], place[:, 1]]]
+            ratios.append(ratio)
             hidden[place[:, 0], place[:, 1]] = True
-            count, patches = count + len(place), patches + 1
-    return hidden, patches
+            count += len(place)
+    return hidden, ratios
 
 
 def _like_place(
     heights: np.ndarray, free: np.ndarray, shape: Int[np.ndarray, "k 2"], rng: np.random.Generator
-) -> Int[np.ndarray, "k 2"] | None:
-    """The shape moved to where every pixel is free and the rim most like its own."""
+) -> tuple[Int[np.ndarray, "k 2"], float] | None:
+    """The shape moved to where every pixel is free and the rim most like its own, and the ratio of their unevenness."""
     size = shape.max(axis=0) - shape.min(axis=0) + 1
     room = np.array(heights.shape) - size
     corner = shape.min(axis=0)
@@ -104,10 +107,12 @@ def _like_place(
     own = _unevenness(heights, rim)
     others = np.array([_unevenness(heights, rim + (corners[k] - corner)) for k in fits])
     if not np.isfinite(own):
-        return places[fits[0]]
+        return places[fits[0]], 1.0
     others = np.nan_to_num(others)
     least = 1e-9 * max(own, float(others.max())) + np.finfo(float).tiny
-    return places[fits[np.argmin(np.abs(np.log((others + least) / (own + least))))]]
+    ratios = (own + least) / (others + least)
+    best = int(np.argmin(np.abs(np.log(ratios))))
+    return places[fits[best]], float(ratios[best])
 
 
 def _rim(shape: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "r 2"]:
