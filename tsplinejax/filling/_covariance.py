@@ -102,7 +102,7 @@ def covariance_of(heights: Float[np.ndarray, "rows columns"]) -> Covariance:
     size = _fast(3 * reach + 1)
     circular = np.zeros((size, size))
     circular[place] = faded
-    positive = np.asarray(irfft2(np.maximum(np.real(rfft2(circular)), 0), (size, size)))
+    positive = np.asarray(irfft2(np.maximum(np.real(np.asarray(rfft2(circular))), 0), (size, size)))
     return Covariance(positive[place], reach)
 
 

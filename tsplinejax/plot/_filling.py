@@ -37,7 +37,7 @@ def plot_filling(data: Any, filled: Any) -> "Figure":
     low, high, extend = height_limits(rasters[1].values)
     factor, unit = display_unit(high - low, before.unit)
     with print_style():
-        figure = new_figure(11.0, min(max(2.7 * size[1] / size[0], 0.8), 4.2) + 0.9)
+        figure = new_figure(11.0, min(max(2.5 * size[1] / size[0], 0.8), 4.2) + 0.7)
         for place, (raster, title) in enumerate(zip(rasters, ("measured", "filled"), strict=True), start=1):
             ax = figure.add_subplot(1, 3, place)
             image = draw_raster(raster.reduced("mean"), ax, HEIGHT_COLOURS, (low, high))
