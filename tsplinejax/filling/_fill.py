@@ -76,8 +76,8 @@ def fill_missing(
 
     - `data`: a `HeightMap`, a 2-D array, NaN where missing, or `(heights, dx, dy)`.
     - `exact`: also give the T-spline through every pixel, measured and filled, as `surface`.
-    - `edges`: for structures with steps: only fillers that hardly swing, and no filled height beyond those at the rim of
-      its hole.
+    - `edges`: for structures with steps: only fillers that hardly swing, and no filled height beyond those at the
+      rim of its hole.
     - `border`: fill holes that touch the map's border, too, where half of what would tell them is not there.
     - `smooth_all`: fit a T-spline to the complete map, as `surface`, and take every height from it.
     - `tolerance`, `relative_tolerance`, `noise`: where that fit ends, as for [`fit`][tsplinejax.fit].
