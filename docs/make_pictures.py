@@ -21,9 +21,11 @@ from tsplinejax.data import (  # noqa: E402
     laser_textured_disk,
     plate_with_particles,
     scattered_peaks,
+    structured_with_missing,
 )
 from tsplinejax.plot import (  # noqa: E402
     plot_error,
+    plot_filling,
     plot_form_removal,
     plot_mesh,
     plot_overview,
@@ -102,6 +104,12 @@ def sampling() -> Figure:
     return figure
 
 
+def filling() -> Figure:
+    """Pillars of which a fifth is missing, and how they are filled."""
+    pillars = structured_with_missing((160, 160), noise=0.01)
+    return plot_filling(pillars, tsj.fill_missing(pillars, border=True))
+
+
 def t_mesh() -> Figure:
     """A small T-mesh: T-junctions, a local knot vector, Bézier elements."""
     tmesh = tsj.b_lattice(4, 3)
@@ -151,6 +159,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "t_mesh": t_mesh,
     "form": form,
     "sampling": sampling,
+    "filling": filling,
 }
 
 

@@ -32,6 +32,7 @@ LAYERS = [
     "plot",
     "characterise",
     "sampling",
+    "filling",
     "cli",
 ]
 PRIVATE = {"_version", "_errors"}

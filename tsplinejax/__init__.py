@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         remove_form as remove_form,
         s_filter as s_filter,
     )
+    from .filling import Filled as Filled, fill_missing as fill_missing
     from .orthogonal import (
         Huber as Huber,
         Joint as Joint,
@@ -108,6 +109,7 @@ _ON_DEMAND = {
         "remove_form",
         "s_filter",
     ),
+    "filling": ("Filled", "fill_missing"),
     "orthogonal": ("Huber", "Joint", "Normal", "OrthogonalFit", "Parametric", "Tukey", "fit_orthogonal"),
     "parameterisation": ("Parameterisation", "conformal", "planar"),
     "sampling": (

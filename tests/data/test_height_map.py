@@ -192,3 +192,18 @@ def test_bad_uses_are_refused():
         height_map.with_heights(np.zeros((2, 2)))
     with pytest.raises(InputError, match="overflow"):
         HeightMap(np.full((2, 2), 1e30, np.float32), unit="pm", height_unit="km")
+
+
+def test_filled_pixels_go_along():
+    """Which heights were filled in is kept by crops, units and new heights; missing pixels were not filled."""
+    filled = np.zeros((3, 4), bool)
+    filled[1, 1:3] = True
+    height_map = HeightMap(HEIGHTS, 1.0, "mm", filled=filled)
+    np.testing.assert_array_equal(height_map.measured, ~filled)
+    assert height_map.valid.all()
+    assert height_map.crop(1, 1, 3, 2).filled.tolist() == [[True, True, False], [False] * 3]
+    assert height_map.to_unit("µm").filled.sum() == height_map.with_heights(2 * HEIGHTS).filled.sum() == 2
+    assert height_map.with_mask(np.arange(12).reshape(3, 4) == 5).filled.sum() == 1
+    assert HeightMap(HEIGHTS).filled is None
+    with pytest.raises(InputError, match="shape"):
+        HeightMap(HEIGHTS, filled=[[True]])

@@ -146,3 +146,14 @@ def test_a_folder_is_no_file(tmp_path):
     (tmp_path / "map.npy").mkdir()
     with pytest.raises(InputError, match="is a folder"):
         write(tmp_path / "map.npy", HEIGHTS)
+
+
+def test_npz_says_which_pixels_were_filled(tmp_path):
+    """The marks of filled pixels are written and read; a mask of another shape is refused."""
+    filled = np.eye(3, 4) > 0
+    path = write(tmp_path / "map.npz", HeightMap(np.ones((3, 4)), filled=filled))
+    np.testing.assert_array_equal(read(path).filled, filled)
+    assert read(write(path, HeightMap(np.ones((3, 4))))).filled is None
+    np.savez(path, heights=np.ones((3, 4)), filled=np.ones(3, bool))
+    with pytest.raises(InputError, match="shape"):
+        read(path)

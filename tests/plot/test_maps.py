@@ -11,7 +11,7 @@ import pytest
 from tsplinejax._errors import InputError, MissingExtraError
 from tsplinejax.data import Frame, HeightMap, PointCloud, Samples
 from tsplinejax.mesh import b_lattice
-from tsplinejax.plot import plot_error, plot_height_map, plot_mesh
+from tsplinejax.plot import plot_error, plot_filling, plot_height_map, plot_mesh
 from tsplinejax.plot._error import signed_errors
 from tsplinejax.plot._mesh import mesh_lines
 from tsplinejax.space import spline_space
@@ -203,3 +203,14 @@ def test_a_real_surface_is_drawn():
     ax = plot_mesh(surface)
     assert len(ax.collections[0].get_segments()) == 5 + 3
     assert ax.get_xlim()[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_filling_shows_both_maps_in_the_same_colours(height_map):
+    """Before and after share their colours, and the uncertainty starts at zero where pixels were filled."""
+    holed = height_map.with_mask(np.arange(height_map.heights.size).reshape(height_map.shape) % 97 == 5)
+    uncertainty = np.where(holed.valid, np.nan, 0.25)
+    figure = plot_filling(holed, SimpleNamespace(map=height_map, uncertainty=uncertainty))
+    images = [_image(ax) for ax in figure.axes[:3]]
+    assert images[0].get_clim() == images[1].get_clim()
+    assert images[2].get_clim() == (0.0, 0.25)
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["measured", "filled", "standard uncertainty"]

@@ -89,6 +89,7 @@ def areal_parameters(
     cut_height: float | str = 0.0,
     material_ratio: float = 10.0,
     volume_ratios: tuple[float, float] = (10.0, 80.0),
+    include_filled: bool = False,
     dtype: Any = None,
 ) -> ArealParameters:
     """Areal surface texture parameters of a map, with what is missing left out (ISO 25178-2:2021).
@@ -109,6 +110,7 @@ def areal_parameters(
     - `cut_height`: height above the mean at which Smr is taken; text such as `"5nm"` is converted.
     - `material_ratio`: ratio in % at which Smc is taken, a height above the mean.
     - `volume_ratios`: the ratios in % that bound the core in Vmp, Vmc, Vvc, Vvv.
+    - `include_filled`: whether heights count that were not measured but filled in (`HeightMap.filled`).
     - `dtype`: `"float32"` accepts single precision knowingly. By default double precision where JAX's 64-bit mode
       is on; without it float64 data are refused.
 
@@ -122,7 +124,7 @@ def areal_parameters(
     >>> round(parameters.Sq, 2), parameters.units["Sq"], round(parameters.Ssk, 2), parameters.units["Sdr"]
     (0.7, 'µm', -0.08, '%')
     """
-    heights, steps, unit = _resolved(data, spacing, unit)
+    heights, steps, unit = _resolved(data, spacing, unit, include_filled)
     precision = _precision(heights.dtype, dtype)
     heights = heights.astype(precision)
     if np.isnan(heights).all():
@@ -158,7 +160,7 @@ def areal_parameters(
 
 
 def _resolved(
-    data: Any, spacing: float | Sequence[float] | None, unit: str | None
+    data: Any, spacing: float | Sequence[float] | None, unit: str | None, include_filled: bool
 ) -> tuple[np.ndarray, tuple[float, float] | None, str | None]:
     """Heights, spacing (none for scattered samples) and unit."""
     unit = canonical_unit(unit)
@@ -182,7 +184,7 @@ def _resolved(
             "neither spacing nor unit; give spacing=(dx, dy) (--spacing) or unit= (--unit)"
         )
     steps = surface.spacing if spacing is None else HeightMap([[0.0]], spacing).spacing
-    return surface.heights, steps, unit
+    return surface.heights if include_filled else np.where(surface.measured, surface.heights, np.nan), steps, unit
 
 
 def _falling(heights: np.ndarray, shares: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:

@@ -157,6 +157,7 @@ def _with_operation(height_map: HeightMap, heights: np.ndarray, operation: str) 
         height_map.unit,
         origin=height_map.origin,
         provenance=recorded(height_map.provenance, operation, height_map.unit),
+        filled=height_map.filled,
     )
 
 

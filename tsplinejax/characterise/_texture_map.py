@@ -1,5 +1,6 @@
 """The texture as a height map, the area behind every sample, and how far the map is from the form's own surface."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def texture_map_of(
     if isinstance(data, HeightMap):
         heights = np.full(data.shape, np.nan)
         heights[data.valid] = np.where(outliers, np.nan, texture)
-        return HeightMap(heights, data.spacing, data.unit, origin=data.origin, provenance=provenance)
+        return replace(data, heights=heights, provenance=provenance)
     if triangulation is None:
         return None
     origin, step, shape = grid_for(triangulation.places)

@@ -26,6 +26,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.set_defaults(run=run)
     parser.add_argument("input", metavar="INPUT", help="height map")
+    parser.add_argument("--include-filled", action="store_true", help="count heights that were filled in, too")
     add_operations(parser)
     add_data_options(parser)
 
@@ -47,7 +48,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
         value = getattr(arguments, option)
         data = data if value is None else operation(data, value)
     assert isinstance(data, HeightMap)
-    measured = areal_parameters(data, spacing=data.spacing if arguments.spacing else None)
+    measured = areal_parameters(
+        data, spacing=data.spacing if arguments.spacing else None, include_filled=arguments.include_filled
+    )
     values, units = dict(measured.values), dict(measured.units)
     operations = list(data.provenance.get("operations", ()))
     report = {

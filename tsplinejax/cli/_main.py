@@ -19,6 +19,7 @@ from . import (
     _convert,
     _demo,
     _evaluate,
+    _fill,
     _fit,
     _form,
     _info,
@@ -29,6 +30,23 @@ from . import (
 from ._arguments import Parser, joined_negatives
 from ._environment import CACHE_VARIABLE, prepare_jax
 from ._outcome import REFUSED, Outcome, as_json, one_line, reason
+
+#: In the order of `--help`.
+_MODULES = (
+    _fit,
+    _batch,
+    _form,
+    _areal,
+    _fill,
+    _sample,
+    _reconstruct,
+    _compress,
+    _evaluate,
+    _info,
+    _convert,
+    _plot,
+    _demo,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -73,20 +91,7 @@ def make_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"tsplinejax {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (
-        _fit,
-        _batch,
-        _form,
-        _sample,
-        _reconstruct,
-        _areal,
-        _evaluate,
-        _info,
-        _convert,
-        _compress,
-        _plot,
-        _demo,
-    ):
+    for module in _MODULES:
         module.add(commands)
     return parser
 

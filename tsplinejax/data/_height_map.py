@@ -36,6 +36,8 @@ class HeightMap:
     - `height_unit`: the unit in which `heights` are given, if another; they are converted to `unit`.
     - `origin`: (x, y) of pixel (0, 0), in `unit`.
     - `mask`: (rows, columns); True or non-zero marks further missing pixels, whatever their height.
+    - `filled`: (rows, columns); True or non-zero marks heights that were not measured but filled in; areal parameters
+      leave them out unless asked. `None` for a map that nobody filled.
     - `provenance`: where the data come from; `name`, `sha256` and `operations` by convention.
 
     **Raises:** `InputError` for another dimension, an empty map, values that are not real numbers, infinite heights,
@@ -50,6 +52,7 @@ class HeightMap:
     unit: str | None
     origin: tuple[float, float]
     provenance: dict[str, Any]
+    filled: Bool[np.ndarray, "rows columns"] | None
 
     def __init__(
         self,
@@ -61,6 +64,7 @@ class HeightMap:
         origin: Sequence[float] = (0.0, 0.0),
         mask: Bool[ArrayLike, "rows columns"] | None = None,
         provenance: Mapping[str, Any] | None = None,
+        filled: Bool[ArrayLike, "rows columns"] | None = None,
     ) -> None:
         array = _height_array(heights)
         if mask is not None:
@@ -75,6 +79,7 @@ class HeightMap:
         object.__setattr__(self, "unit", unit)
         object.__setattr__(self, "origin", finite_pair(origin, "an origin (x, y)"))
         object.__setattr__(self, "provenance", dict(provenance or {}))
+        object.__setattr__(self, "filled", _filled_mask(filled, array))
 
     def __repr__(self) -> str:
         """Say shape, spacing, unit, range and how much of the map is valid."""
@@ -92,8 +97,13 @@ class HeightMap:
 
     @property
     def valid(self) -> Bool[np.ndarray, "rows columns"]:
-        """True where a height was measured."""
+        """True where there is a height."""
         return ~np.isnan(self.heights)
+
+    @property
+    def measured(self) -> Bool[np.ndarray, "rows columns"]:
+        """True where there is a height that was not filled in."""
+        return self.valid if self.filled is None else self.valid & ~self.filled
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -164,7 +174,8 @@ class HeightMap:
             self.origin[1] + down.start * self.spacing[1],
         )
         provenance = recorded(self.provenance, f"crop {low[0]:g},{low[1]:g},{high[0]:g},{high[1]:g}", self.unit)
-        return replace(self, heights=self.heights[down, across], origin=origin, provenance=provenance)
+        filled = None if self.filled is None else self.filled[down, across]
+        return replace(self, heights=self.heights[down, across], origin=origin, provenance=provenance, filled=filled)
 
     def with_mask(self, mask: Bool[ArrayLike, "rows columns"]) -> "HeightMap":
         """Return the map with further pixels missing, where `mask` is True (or not zero).
@@ -205,6 +216,7 @@ class HeightMap:
             self.unit,
             origin=(self.origin[0] * factor, self.origin[1] * factor),
             provenance=self.provenance,
+            filled=self.filled,
         )
 
 
@@ -215,6 +227,13 @@ def _height_array(heights: ArrayLike) -> np.ndarray:
     if not array.size:
         raise InputError(f"heights must hold at least one pixel, but the array is empty, of shape {array.shape}")
     return array
+
+
+def _filled_mask(filled: ArrayLike | None, heights: np.ndarray) -> np.ndarray | None:
+    """Which heights were filled in; missing ones were not."""
+    if filled is None:
+        return None
+    return frozen(mask_array(filled, heights.shape) & ~np.isnan(heights))
 
 
 def checked_spacing(spacing: float | Sequence[float]) -> tuple[float, float]:

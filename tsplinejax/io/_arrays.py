@@ -38,16 +38,15 @@ def load_npz(file: Path) -> dict[str, np.ndarray]:
 
 
 def read_npz(file: Path) -> RawMap | RawCloud:
-    """Read `.npz`: `heights` with `spacing`, `unit`, `origin`, or `points` with `unit`, `triangles`, or one array."""
+    """Read `.npz`: `heights` (with `spacing`, `unit`, `origin`, `filled`), `points` (`unit`, `triangles`), or one."""
     entries = load_npz(file)
     unit = str(entries["unit"]) if "unit" in entries else None
     notes = tuple(json.loads(str(entries["notes"]))) if "notes" in entries else ()
     if "heights" in entries:
         origin = entries.get("origin", np.zeros(2))
         spacing = entries.get("spacing")
-        return RawMap(
-            entries["heights"], None if spacing is None else tuple(spacing), unit or None, tuple(origin), notes
-        )
+        steps = None if spacing is None else tuple(spacing)
+        return RawMap(entries["heights"], steps, unit or None, tuple(origin), notes, entries.get("filled"))
     if "points" in entries:
         return RawCloud(entries["points"], unit or None, entries.get("triangles"), notes)
     if len(entries) == 1:
@@ -68,6 +67,8 @@ def write_npz(stream: BinaryIO, data: HeightMap | PointCloud) -> None:
         entries["notes"] = np.array(json.dumps(list(notes)))
     if isinstance(data, HeightMap):
         entries |= {"heights": data.heights, "spacing": np.array(data.spacing), "origin": np.array(data.origin)}
+        if data.filled is not None:
+            entries["filled"] = data.filled
     else:
         entries["points"] = data.points
         if data.triangles is not None:

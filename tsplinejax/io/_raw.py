@@ -9,7 +9,7 @@ import numpy as np
 class RawMap:
     """Heights in rows and columns as they stand in a file; `None` where the file says nothing.
 
-    `unit` is the unit of the spacing and of the heights alike.
+    `unit` is the unit of the spacing and of the heights alike; `filled` marks heights that were not measured.
     """
 
     heights: np.ndarray
@@ -17,6 +17,7 @@ class RawMap:
     unit: str | None = None
     origin: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = ()
+    filled: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,15 @@ def _height_map(raw: RawMap, spacing, unit: str | None, height_unit: str | None,
     steps, origin = raw.spacing or (1.0, 1.0), raw.origin
     notes = [note for note in raw.notes if not (height_unit or unit) or not note.startswith("no height scale")]
     provenance = {**provenance, **({"notes": notes} if notes else {})}
-    height_map = HeightMap(raw.heights, steps, own_unit or unit, height_unit, origin=origin, provenance=provenance)
+    height_map = HeightMap(
+        raw.heights,
+        steps,
+        own_unit or unit,
+        height_unit,
+        origin=origin,
+        provenance=provenance,
+        filled=raw.filled,
+    )
     if own_unit is not None and unit is not None and unit != own_unit:
         height_map = height_map.to_unit(unit)
     if spacing is None:
@@ -127,6 +135,7 @@ def _respaced(height_map: HeightMap, spacing, *, stated: bool) -> HeightMap:
         steps,
         height_map.unit,
         provenance={**height_map.provenance, "operations": operations},
+        filled=height_map.filled,
     )
 
 

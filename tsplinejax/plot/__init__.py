@@ -14,6 +14,7 @@ matplotlib comes with the extra `plot` and is imported by the first picture.
 
 from ._convergence import plot_convergence as plot_convergence
 from ._error import plot_error as plot_error
+from ._filling import plot_filling as plot_filling
 from ._height_map import plot_height_map as plot_height_map
 from ._mesh import plot_mesh as plot_mesh
 from ._overview import plot_overview as plot_overview

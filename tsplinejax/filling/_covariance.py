@@ -1,0 +1,194 @@
+"""Holes filled by the covariance of the map itself: kriging.
+
+The mean product of the heights of pixels a lag h apart, r(h), is taken from the whole map (missing ones left out) and
+says how much each known pixel tells about a missing one: direction and length of a lay, roughness, noise, and the
+period of a structure that repeats. The best linear prediction of the missing heights z_m from known ones z_k is
+C_mk C_kk⁻¹ z_k (Matheron 1963), with a plane of free slope added. The pixels that tell most are near the hole, and, on
+surfaces that repeat, where the hole would be one period on.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.linalg import cho_factor, cho_solve
+from scipy.ndimage import distance_transform_edt, maximum_filter
+
+from ._filler import AbstractFiller, Field, Predict, Window
+
+#: Known pixels this near a missing one all count, those further off are thinned.
+_NEAR, _THIN = 3.0, 3
+#: Correlations above which pixels that lie periods away are asked, and the most periods.
+_REPEATS, _MOST_PERIODS = 0.4, 6
+_MOST_KNOWN = 1500
+#: A free plane's variance over that of the heights, and the least variance of a pixel of its own.
+_FREE, _LEAST = 1e2, 1e-9
+
+
+@dataclass(frozen=True)
+class CovarianceFiller(AbstractFiller):
+    """The best linear prediction under the map's own covariance.
+
+    >>> CovarianceFiller().name
+    'covariance of the map'
+    """
+
+    @property
+    def name(self) -> str:
+        """The same for every map."""
+        return "covariance of the map"
+
+    @property
+    def margin(self) -> int:
+        """A fixed number, thinned outwards."""
+        return 8
+
+    def prepare(self, field: Field) -> Predict:
+        """Find the covariance and its periods."""
+        covariance = covariance_of(field.heights)
+        periods = _periods(covariance)
+        return lambda window: _predicted(field, window, covariance, periods)
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """r(h) for lags of up to `reach` pixels: `values[reach + rows, reach + columns]`, zero beyond."""
+
+    values: Float[np.ndarray, "lags lags"]
+    reach: int
+
+    def between(self, first: Int[np.ndarray, "m 2"], second: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "m n"]:
+        """Covariances of pixels."""
+        rows, columns = (np.subtract.outer(first[:, k], second[:, k]) for k in range(2))
+        width = 2 * self.reach + 1
+        if max(np.abs(rows).max(), np.abs(columns).max()) <= self.reach:
+            return self.values.ravel().take(rows * width + columns + (width * width) // 2)
+        near = (np.abs(rows) <= self.reach) & (np.abs(columns) <= self.reach)
+        result = np.zeros(rows.shape)
+        result[near] = self.values.ravel().take(rows[near] * width + columns[near] + (width * width) // 2)
+        return result
+
+    @property
+    def variance(self) -> float:
+        """r(0)."""
+        return float(self.values[self.reach, self.reach])
+
+
+def covariance_of(heights: Float[np.ndarray, "rows columns"]) -> Covariance:
+    """The covariance of a map whose quadratic trend is removed.
+
+    Products are counted under a taper, so that the map's border leaves no trace, and the lags under another, so that
+    its spectrum can be made positive.
+
+    >>> covariance_of(np.random.default_rng(0).normal(size=(40, 50))).reach
+    20
+    """
+
+    rows, columns = heights.shape
+    reach = min(rows, columns) // 2
+    known = np.isfinite(heights)
+    taper = np.outer(*(np.sin(np.pi * (np.arange(n) + 1) / (n + 1)) for n in heights.shape))
+    window = np.where(known, taper, 0.0)
+    values = window * np.where(known, heights - _quadratic(heights, known), 0.0)
+    shape = tuple(_fast(n + reach) for n in heights.shape)
+    spectra = [np.abs(np.asarray(rfft2(part, shape))) ** 2 for part in (values, window)]
+    products, counts = (np.asarray(irfft2(spectrum, shape)) for spectrum in spectra)
+    lags = np.arange(-reach, reach + 1)
+    place = np.ix_(lags, lags)
+    distance = np.hypot(*np.meshgrid(lags, lags, indexing="ij")) / (reach + 1)
+    fade = np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(distance, 1)), 0)
+    faded = fade * products[place] / np.maximum(counts[place], 1e-9 * counts[0, 0])
+    size = _fast(3 * reach + 1)
+    circular = np.zeros((size, size))
+    circular[place] = faded
+    positive = np.asarray(irfft2(np.maximum(np.real(np.asarray(rfft2(circular))), 0), (size, size)))
+    return Covariance(positive[place], reach)
+
+
+def _fast(length: int) -> int:
+    """The next length of which transforms are quick."""
+    return int(next_fast_len(length, real=True))  # pyright: ignore[reportArgumentType] -- scipy states no type
+
+
+def _quadratic(heights: Float[np.ndarray, "r c"], known: Bool[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
+    """The polynomial of order two through the known heights."""
+    t, s = (np.linspace(-1, 1, n) for n in heights.shape)
+    terms = [t[:, None] ** a * s**b for a in range(3) for b in range(3 - a)]
+    columns = np.stack([term[known] for term in terms], axis=1)
+    factors = np.linalg.lstsq(columns.T @ columns, columns.T @ heights[known], rcond=None)[0]
+    return np.tensordot(factors, np.stack(terms), 1)
+
+
+def _periods(covariance: Covariance) -> Int[np.ndarray, "n 2"]:
+    """Lags other than zero at which the map is most like itself."""
+
+    correlation = covariance.values / max(covariance.variance, np.finfo(float).tiny)
+    reach = covariance.reach
+    peaks = (correlation == maximum_filter(correlation, 7)) & (correlation > _REPEATS)
+    lags = np.argwhere(peaks) - reach
+    # What lies within the first valley around zero is the pixel's own neighbourhood.
+    rays = np.minimum.accumulate(correlation[reach, reach:])
+    valley = int(np.argmax(rays < _REPEATS / 2)) if (rays < _REPEATS / 2).any() else reach
+    lags = lags[np.abs(lags).max(axis=1) > max(valley, 4)]
+    order = np.argsort(-correlation[lags[:, 0] + reach, lags[:, 1] + reach], kind="stable")
+    return lags[order[:_MOST_PERIODS]]
+
+
+def _predicted(
+    field: Field, window: Window, covariance: Covariance, periods: Int[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " wanted"]:
+    """The best prediction of a window's wanted pixels."""
+
+    corner = np.array([window.rows.start, window.columns.start])
+    wanted = np.argwhere(window.wanted) + corner
+    known = _asked(field.heights, window, wanted, periods)
+    if not len(known):
+        return np.full(len(wanted), np.nan)
+    values = field.heights[known[:, 0], known[:, 1]]
+    mean, variance = float(values.mean()), covariance.variance
+    centre, size = wanted.mean(axis=0), float(max(window.wanted.shape))
+
+    def plane(places: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.ones(len(places)), (places - centre) / size])
+
+    free = _FREE * variance
+    matrix = covariance.between(known, known) + free * plane(known) @ plane(known).T
+    across = covariance.between(wanted, known) + free * plane(wanted) @ plane(known).T
+    least = _LEAST * max(variance, np.finfo(float).tiny)
+    for _ in range(5):
+        matrix[np.diag_indices_from(matrix)] += least
+        try:
+            factor = cho_factor(matrix, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            least *= 30
+            continue
+        return mean + across @ cho_solve(factor, values - mean, check_finite=False)
+    return np.full(len(wanted), mean)
+
+
+def _asked(
+    heights: Float[np.ndarray, "rows columns"],
+    window: Window,
+    wanted: Int[np.ndarray, "m 2"],
+    periods: Int[np.ndarray, "n 2"],
+) -> Int[np.ndarray, "k 2"]:
+    """The known pixels that are asked: all near ones, some further off, and those a period away."""
+
+    part = heights[window.rows, window.columns]
+    known = np.isfinite(part)
+    distance = np.asarray(distance_transform_edt(~window.wanted))
+    i, j = np.indices(part.shape)
+    thinned = (i % _THIN == 0) & (j % _THIN == 0)
+    near = np.argwhere(known & ((distance <= _NEAR) | thinned)) + np.array([window.rows.start, window.columns.start])
+    chosen = [near]
+    count = len(near)
+    for period in periods:
+        there = wanted + period
+        there = there[np.all((there >= 0) & (there < heights.shape), axis=1)]
+        there = there[np.isfinite(heights[there[:, 0], there[:, 1]])]
+        count += len(there)
+        if count > _MOST_KNOWN:
+            break
+        chosen.append(there)
+    return np.unique(np.concatenate(chosen), axis=0)
