@@ -31,6 +31,8 @@ LAYERS = [
     "codec",
     "plot",
     "characterise",
+    "filtration",
+    "multiresolution",
     "cli",
 ]
 PRIVATE = {"_version", "_errors"}

@@ -72,6 +72,13 @@ if TYPE_CHECKING:
         remove_form as remove_form,
         s_filter as s_filter,
     )
+    from .filtration import (
+        Filtered as Filtered,
+        Transmission as Transmission,
+        filter as filter,
+        transmission as transmission,
+    )
+    from .multiresolution import Band as Band, Multiresolution as Multiresolution, mra as mra
     from .orthogonal import (
         Huber as Huber,
         Joint as Joint,
@@ -98,6 +105,8 @@ _ON_DEMAND = {
         "remove_form",
         "s_filter",
     ),
+    "filtration": ("Filtered", "Transmission", "filter", "transmission"),
+    "multiresolution": ("Band", "Multiresolution", "mra"),
     "orthogonal": ("Huber", "Joint", "Normal", "OrthogonalFit", "Parametric", "Tukey", "fit_orthogonal"),
     "parameterisation": ("Parameterisation", "conformal", "planar"),
 }

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 
 from .._version import __version__
-from . import _areal, _batch, _compress, _convert, _demo, _evaluate, _fit, _form, _info, _plot
+from . import _areal, _batch, _compress, _convert, _demo, _evaluate, _filter, _fit, _form, _info, _mra, _plot
 from ._arguments import Parser, joined_negatives
 from ._environment import CACHE_VARIABLE, prepare_jax
 from ._outcome import REFUSED, Outcome, as_json, one_line, reason
@@ -60,7 +60,7 @@ def make_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"tsplinejax {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (_fit, _batch, _form, _areal, _evaluate, _info, _convert, _compress, _plot, _demo):
+    for module in (_fit, _batch, _form, _areal, _filter, _mra, _evaluate, _info, _convert, _compress, _plot, _demo):
         module.add(commands)
     return parser
 

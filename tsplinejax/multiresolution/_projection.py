@@ -1,0 +1,84 @@
+"""Least squares of a map over a space, solved to round-off: the orthogonal projection on the samples.
+
+Over the uniform lattice of a gapless map the normal matrix is a product of one along y and one along x. Elsewhere it is
+factorised once, with a trace of bending energy that decides what no sample determines; its influence on the rest is
+taken away by solving again for the residual (iterated Tikhonov regularisation; Engl, Hanke and Neubauer, Regularization
+of Inverse Problems, 1996, ch. 5): what is left of it falls with each pass.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import DTypeLike
+
+from ..data import HeightMap
+from ..filtration._lattice import gridded_surface, smoother
+from ..fitting import default_smoothing
+from ..fitting._design import Design, energy_matrix, factorise
+from ..mesh import TMesh
+from ..space import spline_space
+from ..surface import TSpline, make_surface
+
+_PASSES = 12
+_ACCURACY = 1e-14  # of the gradient over the load
+
+
+class AbstractProjection(ABC):
+    """A space, ready to project maps on."""
+
+    @abstractmethod
+    def of(self, heights: Float[np.ndarray, "rows columns"]) -> TSpline:
+        """The surface in the space with the least squared distance at the valid pixels; heights at others do not count."""
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeProjection(AbstractProjection):
+    """Onto a mesh that is a uniform lattice of (M, N) elements, of a map without missing pixels."""
+
+    height_map: HeightMap
+    tmesh: TMesh
+    lattice: tuple[int, int]
+    dtype: DTypeLike
+
+    def of(self, heights: Float[np.ndarray, "rows columns"]) -> TSpline:
+        """Solve, and once more for what rounding left."""
+        equations = smoother(self.height_map, self.lattice, 0.0)
+        points, _ = equations.solve(heights)
+        points = points + equations.solve(heights - equations.values(points))[0]
+        return gridded_surface(points, self.tmesh, self.height_map.frame, self.dtype)
+
+
+class MeshProjection(AbstractProjection):
+    """Onto any mesh, of a map with or without missing pixels."""
+
+    def __init__(self, height_map: HeightMap, tmesh: TMesh, dtype: DTypeLike) -> None:
+        samples = height_map.samples()
+        self.frame, self.index = height_map.frame, samples.grid_index
+        self.space = spline_space(tmesh, dtype=dtype, rational=False)
+        self.design = Design(self.space, samples.parameters)
+        energy = energy_matrix(self.space, self.frame)
+        self.factor = factorise(self.design, energy, default_smoothing(len(samples)), "the map")
+
+    def of(self, heights: Float[np.ndarray, "rows columns"]) -> TSpline:
+        """Solve until the gradient is gone."""
+        rest = heights.ravel()[self.index].astype(np.float64)
+        points = np.zeros(int(self.space.n_functions))
+        limit, before = 0.0, np.inf
+        for _ in range(_PASSES):
+            gradient = self._gradient(rest)
+            size = float(np.abs(gradient).max())
+            limit = limit or _ACCURACY * size
+            if size <= limit or size >= before:
+                break
+            before = size
+            change = self.factor.solve(gradient[:, None])[:, 0]
+            points += change
+            for taken, band in self.design:
+                rest[taken] -= band @ change
+        return make_surface(self.space, points, self.frame)
+
+    def _gradient(self, rest: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+        """Bᵀ r."""
+        return np.sum([band.T @ rest[taken] for taken, band in self.design], axis=0)
