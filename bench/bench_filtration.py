@@ -30,7 +30,10 @@ CUTOFF = 16.0
 def main(size: str = "256", sigma: str = "0.005", halvings: str = "7") -> None:
     """Steps, then transmission, then speed."""
     rows = [
-        row for step in steps(int(size), float(sigma)) for parts in TOLERANCES for row in lines(step, parts, int(halvings))
+        row
+        for step in steps(int(size), float(sigma))
+        for parts in TOLERANCES
+        for row in lines(step, parts, int(halvings))
     ]
     keep("filtration", rows, peers=("scikit-image",), sigma=float(sigma), size=int(size))
     keep("transmission", transmissions(), cutoff=CUTOFF)
@@ -73,9 +76,9 @@ def peers(step: Step) -> dict[str, Callable[[tsj.HeightMap, float], np.ndarray]]
         "Gaussian": lambda data, x: tsj.s_filter(data, 2.0 * 64**x).heights,
         "spline 62": lambda data, x: spline_filter(data, 2.05 * 64**x).heights,
         "total variation": lambda data, x: total_variation_filter(data, weight=sigma * 10 ** (4 * x - 2)).heights,
-        "bilateral": lambda data, x: bilateral_filter(
-            data, sigma_length=0.3 * 40**x, sigma_height=min(8 * sigma, 0.3)
-        ).heights,
+        "bilateral": lambda data, x: (
+            bilateral_filter(data, sigma_length=0.3 * 40**x, sigma_height=min(8 * sigma, 0.3)).heights
+        ),
     }
 
 

@@ -77,7 +77,10 @@ def test_a_bare_array(report, command, tmp_path):
 BAD = {
     "bare": (("filter", "bare.npy", "-o", "o.npz", "--cutoff", "8"), "--spacing, --unit"),
     "suffix": (("filter", "map.npz", "-o", "o.png"), "use one of the suffixes"),
-    "both": (("filter", "map.npz", "-o", "o.npz", "--tolerance", "1", "--relative-tolerance", "1%"), "not allowed with"),
+    "both": (
+        ("filter", "map.npz", "-o", "o.npz", "--tolerance", "1", "--relative-tolerance", "1%"),
+        "not allowed with",
+    ),
     "cloud": (("filter", "cloud.npy", "-o", "o.npz", "--tolerance", "1"), "point cloud"),
     "cutoff": (("filter", "map.npz", "-o", "o.npz", "--cutoff", "1m"), "between two pixels and the map"),
     "same": (("filter", "map.npz", "-o", "o.npz", "--residual", "o.npz"), "are the same"),

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     from ..filtration import Filtered
 
 _MODELS = (".tspl",)
-_OPTIONS = ("tolerance", "relative_tolerance", "cutoff", "finest_spacing", "robust", "max_control_points", "max_seconds")
+_OPTIONS = (
+    "tolerance",
+    "relative_tolerance",
+    "cutoff",
+    "finest_spacing",
+    "robust",
+    "max_control_points",
+    "max_seconds",
+)
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -47,7 +55,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--finest-spacing", metavar="LENGTH", help="smallest element of the mesh; no sharp limit of wavelengths"
     )
     group.add_argument("--robust", action="store_true", help="set isolated spikes aside first")
-    group = parser.add_argument_group("budgets: where one ends the refinement, the map is written and the exit code is 1")
+    group = parser.add_argument_group(
+        "budgets: where one ends the refinement, the map is written and the exit code is 1"
+    )
     group.add_argument("--max-control-points", metavar="N", type=int, help="default: half the valid pixels")
     group.add_argument("--max-seconds", metavar="S", type=float, help="seconds")
     group = parser.add_argument_group("what else to write")

@@ -44,7 +44,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     one.add_argument(
         "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
     )
-    group.add_argument("--lattice", metavar="MxN", type=counts, help="elements of the first band, M along x (default 3 on the shorter side)")
+    group.add_argument(
+        "--lattice",
+        metavar="MxN",
+        type=counts,
+        help="elements of the first band, M along x (default 3 on the shorter side)",
+    )
     parser.add_argument("--plot", metavar="FILE.png", help="draw all bands")
     add_data_options(parser)
 

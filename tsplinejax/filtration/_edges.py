@@ -53,7 +53,6 @@ class EdgesKept:
     outliers: Bool[np.ndarray, " m"]
     edge_share: float
     stop: StopReason
-    warnings: tuple[str, ...]
 
 
 def default_cutoff(height_map: HeightMap) -> float:
@@ -88,7 +87,6 @@ def keep_edges(
         problem.request.outliers,
         float(areas @ (weights < 0.5) / areas.sum()),
         _stop(outcome, smooth.history[-1].max_error <= tolerance),
-        problem.request.warnings,
     )
 
 

@@ -20,7 +20,8 @@ from ._edges import default_cutoff, keep_edges
 from ._features import find_features
 from ._filtered import Filtered
 from ._lattice import gridded_surface
-from ._linear import Linear, linear
+from ._linear import linear
+from ._tolerance import resolved_tolerance, tolerance_warnings
 
 Length = float | str
 
@@ -161,11 +162,8 @@ def _limit(
         if noise.sigma <= 0:
             raise InputError("this map shows no noise to take off; give a tolerance, a cutoff or a finest_spacing")
         return _NOISE_REACH * noise.sigma, (noise.note,) if noise.texture_limited else ()
-    value = parse_length(tolerance, kept.unit) if tolerance is not None else float(relative_tolerance or 0.0) * kept.range
-    if not np.isfinite(value) or value <= 0:
-        given = relative_tolerance if tolerance is None else tolerance
-        raise InputError(f"a tolerance is above zero, and relative only to a range above zero; received {given!r}")
-    return value, ()
+    value = resolved_tolerance(kept, tolerance, relative_tolerance)
+    return value, tolerance_warnings(kept, value, relative=tolerance is None, what="the filtered map")
 
 
 def _linear(task: _Task) -> _Work:
@@ -180,14 +178,14 @@ def _edge_preserving(task: _Task, options: dict[str, Any]) -> _Work:
     assert task.tolerance is not None
     cutoff = default_cutoff(task.kept) if task.cutoff is None else task.cutoff
     cutoff = cutoff if task.finest_spacing is None else max(cutoff, 4 * task.finest_spacing)
-    before: Linear = linear(task.kept, cutoff, None)
+    before = linear(task.kept, cutoff, None)
     features = find_features(task.kept, task.kept.heights - before.heights, task.tolerance, cutoff)
     work = keep_edges(task.kept, features, task.tolerance, cutoff, task.finest_spacing, options)
     heights = np.full(task.height_map.shape, np.nan)
     heights[task.kept.valid] = task.kept.heights[task.kept.valid] - work.residuals
     if task.outliers.any():
         heights = np.where(task.outliers, _at_pixels(work.surface, task.height_map, task.outliers), heights)
-    return _Work(heights, work.surface, work.edge_share, work.stop, work.warnings)
+    return _Work(heights, work.surface, work.edge_share, work.stop, before.warnings)
 
 
 def _at_pixels(
@@ -214,10 +212,14 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
     warnings = [*task.warnings, *work.warnings]
     if not converged:
         assert work.stop is not None
-        warnings.append(f"the tolerance is not met ({work.stop}: {work.stop.message}); the largest residual is {largest:.4g}")
+        warnings.append(
+            f"the tolerance is not met ({work.stop}: {work.stop.message}); the largest residual is {largest:.4g}"
+        )
     provenance = recorded(height_map.provenance, operation)
     maps = [
-        HeightMap(part, height_map.spacing, unit, origin=height_map.origin, provenance=recorded(height_map.provenance, line))
+        HeightMap(
+            part, height_map.spacing, unit, origin=height_map.origin, provenance=recorded(height_map.provenance, line)
+        )
         for part, line in (
             (smooth.astype(heights.dtype), operation),
             ((heights - smooth).astype(heights.dtype), f"residual of {operation}"),

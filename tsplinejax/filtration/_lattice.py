@@ -34,9 +34,7 @@ def smoother(height_map: HeightMap, lattice: tuple[int, int], smoothing: float) 
     return Smoother(along_y, along_x, height_map.valid, smoothing)
 
 
-def gridded_surface(
-    points: Float[np.ndarray, "rows columns"], tmesh: TMesh, frame: Frame, dtype: DTypeLike
-) -> TSpline:
+def gridded_surface(points: Float[np.ndarray, "rows columns"], tmesh: TMesh, frame: Frame, dtype: DTypeLike) -> TSpline:
     """Control points on a grid, rows along y, as a T-spline over a mesh without T-junctions."""
     column, row = (np.unique(tmesh.anchors[:, k], return_inverse=True)[1] for k in range(2))
     return make_surface(spline_space(tmesh, dtype=dtype, rational=False), points[row, column], frame)

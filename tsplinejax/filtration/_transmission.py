@@ -81,7 +81,9 @@ def transmission(
     >>> round(float(curve.mean[0, 0]), 2)
     0.5
     """
-    lengths, heights = (_positive(values, name) for values, name in ((wavelengths, "wavelengths"), (amplitudes, "amplitudes")))
+    lengths, heights = (
+        _positive(values, name) for values, name in ((wavelengths, "wavelengths"), (amplitudes, "amplitudes"))
+    )
     steps = np.broadcast_to(lengths.min() / 4 if spacing is None else np.asarray(spacing, float), (2,))
     if not (steps > 0).all() or lengths.min() < 2 * steps.max() * (1 - 1e-9):
         raise InputError(

@@ -10,6 +10,7 @@ almost all of them.
 """
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,10 @@ from jaxtyping import Float
 
 from .._errors import InputError
 from .._version import __version__
-from ..data import HeightMap, PointCloud, as_data, parse_length
+from ..data import HeightMap, PointCloud, as_data
 from ..data._provenance import recorded
 from ..filtration._lattice import surface_heights
+from ..filtration._tolerance import resolved_tolerance, tolerance_warnings
 from ..mesh import TMesh
 from ..space import resolve_dtype
 from ..surface import TSpline, make_surface, transfer
@@ -68,8 +70,10 @@ def mra(
     if tolerance is None and relative_tolerance is None:
         spaces, limit = uniform_spaces(height_map, coarsest, levels), None
     else:
-        length = None if tolerance is None else parse_length(tolerance, height_map.unit)
-        spaces, limit = adaptive_spaces(height_map, coarsest, levels, length, relative_tolerance)
+        limit = resolved_tolerance(height_map, tolerance, relative_tolerance)
+        spaces = adaptive_spaces(height_map, coarsest, levels, limit)
+        said = tolerance_warnings(height_map, limit, relative=tolerance is None, what="the finest band")
+        spaces = replace(spaces, warnings=(*said, *spaces.warnings))
     bands, total = _projected(height_map, spaces, dtype)
     return _analysis(height_map, spaces, limit, bands, total, started)
 
@@ -121,7 +125,10 @@ def _analysis(
     kind = "uniform lattices" if limit is None else f"meshes refined to {limit:g} {height_map.unit or ''}".rstrip()
     operation = f"multi-resolution analysis, {len(surfaces)} bands over {kind}"
     heights = surface_heights(total, height_map.shape)
-    fitted, remainder = _like(height_map, heights, operation), _like(height_map, height_map.heights - heights, operation)
+    fitted, remainder = (
+        _like(height_map, heights, operation),
+        _like(height_map, height_map.heights - heights, operation),
+    )
     sizes = [_sizes(mesh, height_map.extent) for mesh in spaces.meshes]
     bands = []
     for k, surface in enumerate(surfaces):

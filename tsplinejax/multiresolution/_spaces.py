@@ -13,6 +13,7 @@ _FINEST = 4.0  # pixels: smallest element where the number of levels is not give
 _SHORTER = 3  # elements along the shorter side of the first lattice
 _LEVELS = 6  # of adaptive meshes, where their number is not given
 _FALL = 0.5  # of the tolerance, from one mesh to the next
+_RESERVE = 0.8  # of the tolerance, that meshes are refined to: projections have slightly larger errors than the loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,35 +62,23 @@ def uniform_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int 
     return Spaces(tuple(meshes), tuple(lattices))
 
 
-def adaptive_spaces(
-    height_map: HeightMap, lattice: tuple[int, int], levels: int | None, tolerance: float | None, share: float | None
-) -> tuple[Spaces, float]:
-    """Meshes of one refinement to a tolerance: of the steps that first met tolerances that fall by half each.
-
-    Also returns the tolerance, in the map's unit.
-    """
+def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int | None, tolerance: float) -> Spaces:
+    """Meshes of one refinement to a tolerance: of the steps that first met tolerances that fall by half each."""
     count = _LEVELS if levels is None else levels
-    problem = replace(
-        pose_fit(height_map, tolerance=tolerance, relative_tolerance=share, lattice=lattice), stage_factor=_FALL
-    )
-    limit = problem.request.tolerance
-    assert limit is not None
-    goals = [limit / _FALL**k for k in range(count - 2, -1, -1)]
+    problem = pose_fit(height_map, tolerance=_RESERVE * tolerance, lattice=lattice)
+    problem = replace(problem, stage_factor=_FALL)
+    goals = [_RESERVE * tolerance / _FALL**k for k in range(count - 1)]
     state = begin(problem)
     meshes = [state.mesh.tmesh]
     while goals:
-        stop = terminate(problem, state)
-        error = state.history[-1].max_error
-        while goals and (error <= goals[0] or (stop is not None and len(goals) == 1)):
-            goals.pop(0)
-            if state.mesh.tmesh.n_elements > meshes[-1].n_elements:
-                meshes.append(state.mesh.tmesh)
+        stop, error = terminate(problem, state), state.history[-1].max_error
+        ahead = [goal for goal in goals if error > goal]
+        if (stop is not None or len(ahead) < len(goals)) and state.mesh.tmesh.n_elements > meshes[-1].n_elements:
+            meshes.append(state.mesh.tmesh)
         if stop is not None:
-            if state.mesh.tmesh.n_elements > meshes[-1].n_elements:
-                meshes.append(state.mesh.tmesh)
             break
-        state = advance(problem, state)
-    warnings = list(problem.request.warnings)
+        goals, state = ahead, advance(problem, state) if ahead else state
+    warnings = []
     if len(meshes) < count:
         warnings.append(f"{len(meshes)} of {count} meshes differ: single steps met several of the tolerances at once")
-    return Spaces(tuple(meshes), None, terminate(problem, state), tuple(warnings)), limit
+    return Spaces(tuple(meshes), None, terminate(problem, state), tuple(warnings))

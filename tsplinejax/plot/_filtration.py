@@ -46,7 +46,9 @@ def plot_transmission(measured: Any, ax: "Axes | None" = None, *, cutoff: float 
         keep_style(ax)
         ticker = _ticker()
         ax.xaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
-        ax.xaxis.set_major_formatter(tick_formatter(factor) if factor != 1 else ticker.FuncFormatter(lambda v, _: f"{v:g}"))
+        ax.xaxis.set_major_formatter(
+            tick_formatter(factor) if factor != 1 else ticker.FuncFormatter(lambda v, _: f"{v:g}")
+        )
         ax.xaxis.set_minor_formatter(ticker.NullFormatter())
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(color="0.9", linewidth=0.5)
