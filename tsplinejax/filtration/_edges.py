@@ -38,9 +38,10 @@ from ._features import FeatureCriterion, Features, cumulated
 
 # Curvature of a smoothed step over its height and λc⁻²: at most 6.4; at half of that an edge begins to form.
 _STEP_CURVATURE = 3.2
-_ROUNDS, _FIRST_RELAXED, _SETTLED = 16, 5, 0.05
+_ROUNDS, _SETTLED = 24, 0.05
+_GATHER = 3.0  # T falls to its value by this factor a round, from the largest curvature: the highest edges form first
 _RELAXED = 0.05  # factor of a weight where a residual exceeds its limit
-_ITERATIONS, _ACCURACY, _ACCEPTABLE = 400, 1e-8, 1e-6
+_ITERATIONS, _ACCURACY = 400, 1e-8
 _SPACINGS = 4  # elements of the start lattice to a cut-off
 
 
@@ -75,7 +76,7 @@ def keep_edges(
     if not state.tally.counts.any():  # an earlier step was the best, and its device rows moved on
         state = resumed(problem, state)
     coefficients, plain = state.coefficients, state.history[-1].max_error
-    plate = _plate(problem, tolerance, cutoff)
+    plate = _plate(problem, features.level, cutoff)
     smooth, weights = plate.smoothed(state)
     if smooth.history[-1].max_error > max(tolerance, plain):
         smooth = with_coefficients(problem, smooth, coefficients, Stopwatch(smooth.history[-1]))
@@ -123,7 +124,7 @@ def _stop(outcome: Run, met: bool) -> StopReason:
     return StopReason.FINEST if outcome.stop is StopReason.TOLERANCE else outcome.stop
 
 
-def _plate(problem: Problem, tolerance: float, cutoff: float) -> "_Plate":
+def _plate(problem: Problem, level: float, cutoff: float) -> "_Plate":
     """λ and T in the scale of the fit: lengths in √(Lx Ly), heights in units of the range."""
     frame = problem.source.frame
     samples = problem.request.samples
@@ -133,7 +134,7 @@ def _plate(problem: Problem, tolerance: float, cutoff: float) -> "_Plate":
     return _Plate(
         problem,
         smoothing_for_cutoff(length, (rows - 1) * (columns - 1)),
-        _STEP_CURVATURE * tolerance / problem.scaling.factor / length**2,
+        _STEP_CURVATURE * level / problem.scaling.factor / length**2,
     )
 
 
@@ -157,19 +158,23 @@ class _Plate:
         criterion, owner = self.problem.criterion, state.mesh.elements.owner
         assert isinstance(criterion, FeatureCriterion)
         at_features = state.mesh.by_slot(criterion.at_features(state.mesh.tmesh)[owner])
-        weights, relaxed = np.ones(len(owner)), np.ones(len(owner))
-        for count in range(_ROUNDS):
+        areas = self.areas(state)
+        weights, relaxed, limit = np.ones(len(owner)), np.ones(len(owner)), np.inf
+        for _ in range(_ROUNDS):
             before = state.coefficients
             state = self._solved(state, weights)
             moved = float(jnp.max(jnp.abs(state.coefficients - before)))
             exceeding = state.mesh.by_slot(state.excess[owner]) > 1
-            settled = count > 0 and moved < _SETTLED * criterion.level
+            settled = limit == self.curvature and moved < _SETTLED * criterion.level
             if settled and not exceeding.any():
                 break
-            if settled or count >= _FIRST_RELAXED:
+            if settled:
                 relaxed = np.where(exceeding, _RELAXED * relaxed, relaxed)
-            bending = state.tally.energy / self.areas(state) / self.curvature**2
-            weights = relaxed * np.where(at_features, (1 + bending) ** -2.0, 1.0)
+            squares = state.tally.energy / areas
+            if np.isinf(limit):
+                limit = np.sqrt(np.max(squares, where=at_features, initial=0.0))
+            limit = max(self.curvature, limit / _GATHER)
+            weights = relaxed * np.where(at_features, (1 + squares / limit**2) ** -2.0, 1.0)
         return state, weights
 
     def areas(self, state: State) -> Float[np.ndarray, " bezier"]:
@@ -183,19 +188,17 @@ class _Plate:
         padded = to_device(pad(self.smoothing * weights, mesh.capacity, 0.0), problem.dtype)
         matrices = _with_bending(store, padded, problem.extent, problem.lattice)
         system = System(store.functions, matrices, store.loads)
-        solution = conjugate_gradients(
-            system,
-            choose_among(mesh.slots, len(mesh.slots), mesh.capacity),
-            state.coefficients,
-            to_device(np.arange(mesh.capacity) < n),
-            to_device(_ITERATIONS, np.int32),
-            to_device(_ACCURACY, problem.dtype),
-            to_device(0.0, problem.dtype),
-        )
-        coefficients = solution.coefficients
-        if float(solution.error) > _ACCEPTABLE:
-            exact = solve_directly(system, coefficients, n)
-            coefficients = coefficients if exact is None else exact
+        coefficients = solve_directly(system, state.coefficients, n)
+        if coefficients is None:  # too large: iterations, from the surface before
+            coefficients = conjugate_gradients(
+                system,
+                choose_among(mesh.slots, len(mesh.slots), mesh.capacity),
+                state.coefficients,
+                to_device(np.arange(mesh.capacity) < n),
+                to_device(_ITERATIONS, np.int32),
+                to_device(_ACCURACY, problem.dtype),
+                to_device(0.0, problem.dtype),
+            ).coefficients
         return with_coefficients(problem, state, coefficients, Stopwatch(state.history[-1]))
 
 

@@ -18,7 +18,7 @@ from ..fitting._tally import Tally
 from ..mesh import TMesh
 
 _AROUND, _FAR = 1 / 8, 3 / 8  # in cut-offs: as far as a feature reaches, and where the plain residuals begin
-_STANDS_OUT = 4.5  # robust standard deviations; noise alone reaches that once in 150 000 pixels
+_STANDS_OUT = 4.0  # robust standard deviations; noise alone reaches that once in 16 000 pixels
 _FINE = 0.05  # of the tolerance: no feature is resolved more finely
 _ENOUGH = 0.1  # share of the pixels that a robust deviation needs
 _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
@@ -49,9 +49,13 @@ def find_features(
         (part for part in (known & (distance > _FAR * cutoff), known & ~at) if part.sum() >= _ENOUGH * known.sum()),
         known,
     )
-    rest = removed[plain]
-    deviation = float(np.median(np.abs(rest - np.median(rest)))) / _MEDIAN
-    return Features(at, float(np.clip(_STANDS_OUT * deviation, _FINE * tolerance, tolerance)))
+    return Features(at, standing_out(removed[plain], tolerance))
+
+
+def standing_out(residuals: Float[np.ndarray, " m"], tolerance: float) -> float:
+    """The residual that stands out from these, between a part of the tolerance and all of it."""
+    deviation = float(np.median(np.abs(residuals - np.median(residuals)))) / _MEDIAN
+    return float(np.clip(_STANDS_OUT * deviation, _FINE * tolerance, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
