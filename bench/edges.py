@@ -1,4 +1,4 @@
-"""Noisy steps with a known edge, and what a filter makes of them: edge width, overshoot, noise left, uniform residual."""
+"""Noisy steps of a known edge, and what a filter makes of them: edge width, overshoot, noise left, even residual."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 import tsplinejax as tsj
 
-NEAR, FAR = 20, 40  # pixels: beside the edge, and away from it
+NEAR, FAR = 20, 30  # pixels: beside the edge, and away from it
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""`tsplinejax filter`: what is written, the JSON object, options, exit codes, and that nothing is written on failure."""
+"""`tsplinejax filter`: what is written, the JSON object, options, exit codes, and nothing written on failure."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The edge-preserving filter: edges, overshoot, the tolerance's promise, features below it, missing pixels, outliers."""
+"""The edge-preserving filter: edges, overshoot, the tolerance's promise, low features, missing pixels, outliers."""
 
 import numpy as np
 import pytest

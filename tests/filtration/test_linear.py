@@ -111,7 +111,7 @@ def test_finest_spacing_limits_the_lattice():
 
 
 def test_pixel_knots_agree():
-    """The spline with a knot a pixel and ours are the same filter, away from the border, to a hundredth of the range."""
+    """The spline with a knot a pixel and ours are the same filter, away from the border, to 1 % of the range."""
     data = tsj.HeightMap(peaks((90, 100), noise=0.05).heights, (1.0, 1.2), "µm")
     ours, theirs = tsj.filter(data, cutoff=12.0).filtered.heights, spline_filter(data, 12.0).heights
     inside = (slice(15, -15), slice(15, -15))

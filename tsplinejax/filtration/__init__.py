@@ -1,4 +1,4 @@
-"""Filtration: smooth versions of a height map, by tolerance with edges kept or by a true cut-off, and peers' filters."""
+"""Filtration: smooth versions of a height map, by tolerance with edges kept or by a cut-off; and peers' filters."""
 
 from ._filter import filter as filter
 from ._filtered import Filtered as Filtered

@@ -34,11 +34,12 @@ from ..fitting._system import System
 from ..mesh import DEPTH
 from ..space import pad, to_device
 from ..surface import TSpline
-from ._features import FeatureCriterion, Features, cumulated
+from ._features import FeatureCriterion, Features, cumulated, standing_out
 
 # Curvature of a smoothed step over its height and λc⁻²: at most 6.4; at half of that an edge begins to form.
 _STEP_CURVATURE = 3.2
-_ROUNDS, _SETTLED = 24, 0.05
+_ROUNDS, _RELAXING, _SETTLED = 16, 4, 0.25
+_CLEARER = 0.8
 _GATHER = 3.0  # T falls to its value by this factor a round, from the largest curvature: the highest edges form first
 _RELAXED = 0.05  # factor of a weight where a residual exceeds its limit
 _ITERATIONS, _ACCURACY = 400, 1e-8
@@ -70,13 +71,12 @@ def keep_edges(
     options: dict[str, Any],
 ) -> EdgesKept:
     """Refine around features, and smooth everything but edges."""
-    problem = _problem(height_map, features, tolerance, cutoff, finest_spacing, options)
-    outcome = run(problem)
+    problem, outcome = _refined(height_map, features, tolerance, cutoff, finest_spacing, options)
     state = outcome.best
     if not state.tally.counts.any():  # an earlier step was the best, and its device rows moved on
         state = resumed(problem, state)
     coefficients, plain = state.coefficients, state.history[-1].max_error
-    plate = _plate(problem, features.level, cutoff)
+    plate = _plate(problem, cutoff)
     smooth, weights = plate.smoothed(state)
     if smooth.history[-1].max_error > max(tolerance, plain):
         smooth = with_coefficients(problem, smooth, coefficients, Stopwatch(smooth.history[-1]))
@@ -84,11 +84,37 @@ def keep_edges(
     areas = plate.areas(smooth)
     return EdgesKept(
         surface_of(problem, smooth),
-        residuals_of(problem, smooth).astype(np.float64)[:, 0] * problem.scaling.factor,
+        _residuals(problem, smooth),
         problem.request.outliers,
         float(areas @ (weights < 0.5) / areas.sum()),
         _stop(outcome, smooth.history[-1].max_error <= tolerance),
     )
+
+
+def _refined(
+    height_map: HeightMap,
+    features: Features,
+    tolerance: float,
+    cutoff: float,
+    finest_spacing: float | None,
+    options: dict[str, Any],
+) -> tuple[Problem, Run]:
+    """A fit that resolves the features; again, where blurred edges had hidden what stands out."""
+    problem = _problem(height_map, features, tolerance, cutoff, finest_spacing, options)
+    outcome = run(problem)
+    if features.at.any():
+        kept = ~problem.request.outliers
+        level = standing_out(_residuals(problem, outcome.best)[kept], tolerance)
+        if level < _CLEARER * features.level:
+            criterion = replace(problem.criterion, level=level / problem.scaling.factor)  # type: ignore[call-arg]
+            problem = replace(problem, criterion=criterion)
+            outcome = run(problem)
+    return problem, outcome
+
+
+def _residuals(problem: Problem, state: State) -> Float[np.ndarray, " m"]:
+    """Residuals of the samples, in the map's unit."""
+    return residuals_of(problem, state).astype(np.float64)[:, 0] * problem.scaling.factor
 
 
 def _problem(
@@ -124,17 +150,18 @@ def _stop(outcome: Run, met: bool) -> StopReason:
     return StopReason.FINEST if outcome.stop is StopReason.TOLERANCE else outcome.stop
 
 
-def _plate(problem: Problem, level: float, cutoff: float) -> "_Plate":
+def _plate(problem: Problem, cutoff: float) -> "_Plate":
     """λ and T in the scale of the fit: lengths in √(Lx Ly), heights in units of the range."""
     frame = problem.source.frame
     samples = problem.request.samples
     assert samples.grid_shape is not None
+    assert isinstance(problem.criterion, FeatureCriterion)
     rows, columns = samples.grid_shape
     length = cutoff / float(np.sqrt(np.prod(frame.extent)))
     return _Plate(
         problem,
         smoothing_for_cutoff(length, (rows - 1) * (columns - 1)),
-        _STEP_CURVATURE * level / problem.scaling.factor / length**2,
+        _STEP_CURVATURE * problem.criterion.level / length**2,
     )
 
 
@@ -160,15 +187,17 @@ class _Plate:
         at_features = state.mesh.by_slot(criterion.at_features(state.mesh.tmesh)[owner])
         areas = self.areas(state)
         weights, relaxed, limit = np.ones(len(owner)), np.ones(len(owner)), np.inf
+        left = _RELAXING
         for _ in range(_ROUNDS):
             before = state.coefficients
             state = self._solved(state, weights)
             moved = float(jnp.max(jnp.abs(state.coefficients - before)))
             exceeding = state.mesh.by_slot(state.excess[owner]) > 1
             settled = limit == self.curvature and moved < _SETTLED * criterion.level
-            if settled and not exceeding.any():
+            if settled and (left == 0 or not exceeding.any()):
                 break
             if settled:
+                left -= 1
                 relaxed = np.where(exceeding, _RELAXED * relaxed, relaxed)
             squares = state.tally.energy / areas
             if np.isinf(limit):

@@ -1,7 +1,7 @@
 """`filter`: the smooth version of a height map, and what was taken off."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..mesh import b_lattice
 from ..space import resolve_dtype
 from ..surface import TSpline
 from ._edges import default_cutoff, keep_edges
-from ._features import find_features, standing_out
+from ._features import find_features
 from ._filtered import Filtered
 from ._lattice import gridded_surface
 from ._linear import linear
@@ -26,7 +26,6 @@ from ._tolerance import resolved_tolerance, tolerance_warnings
 Length = float | str
 
 _NOISE_REACH = 5.0  # standard deviations: what noise does not exceed on maps of up to a few million pixels
-_PASSES, _CLEARER = 2, 0.8
 
 
 def filter(
@@ -181,12 +180,7 @@ def _edge_preserving(task: _Task, options: dict[str, Any]) -> _Work:
     cutoff = cutoff if task.finest_spacing is None else max(cutoff, 4 * task.finest_spacing)
     before = linear(task.kept, cutoff, None)
     features = find_features(task.kept, task.kept.heights - before.heights, task.tolerance, cutoff)
-    for _ in range(_PASSES):
-        work = keep_edges(task.kept, features, task.tolerance, cutoff, task.finest_spacing, options)
-        level = standing_out(work.residuals[~work.outliers], task.tolerance)
-        if not features.at.any() or level > _CLEARER * features.level:
-            break
-        features = replace(features, level=level)  # blurred edges had hidden what stands out
+    work = keep_edges(task.kept, features, task.tolerance, cutoff, task.finest_spacing, options)
     heights = np.full(task.height_map.shape, np.nan)
     heights[task.kept.valid] = task.kept.heights[task.kept.valid] - work.residuals
     if task.outliers.any():

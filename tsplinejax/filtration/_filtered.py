@@ -29,7 +29,7 @@ class Filtered:
     - `edge_share`: the part of the area on which edges are kept; 0 for a linear filter.
     - `outliers`: how many pixels were set aside.
     - `control_points`: of the surface.
-    - `stop`, `converged`: why refinement stopped, and whether the tolerance is met; `None` and True for a linear filter.
+    - `stop`, `converged`: why refinement stopped, and whether the tolerance is met; of a linear filter `None` and True.
     - `unit`, `seconds`, `warnings`, `operations`, `provenance`: as for a fit.
     """
 

@@ -1,6 +1,6 @@
 """Smoothing over a regular grid, where all matrices are products of one along y and one along x.
 
-With control points P, rows along y, the surface at the pixels is B_y P B_xᵀ, and the smoothest of the near ones minimises
+With control points P, rows along y, the surface at the pixels is B_y P B_xᵀ. A smooth one minimises
 
     Σ_valid (z - B_y P B_xᵀ)² + λ ∫ f_xx² + 2 f_xy² + f_yy² dx dy.
 
@@ -42,16 +42,12 @@ class Axis:
     bending: "csr_array"
     step: float
 
-    @property
-    def n(self) -> int:
-        """Number of basis functions."""
-        return self.values.shape[1]
-
 
 @lru_cache(maxsize=16)
 def spline_axis(count: int, step: float, elements: int) -> Axis:
     """Cubic B-splines on equal elements between the first and the last of `count` samples, clamped at both ends."""
     from scipy.interpolate import BSpline
+    from scipy.sparse import csr_array, diags_array
 
     length = (count - 1) * step
     lines = np.linspace(0.0, length, elements + 1)
@@ -64,9 +60,9 @@ def spline_axis(count: int, step: float, elements: int) -> Axis:
     for order in range(3):
         change = _differentiation(knots, order)
         basis = BSpline.design_matrix(places, knots[order : len(knots) - order], 3 - order) @ change
-        grams.append((basis.T @ basis.multiply(heavy[:, None])).tocsr())
+        grams.append(csr_array(basis.T @ diags_array(heavy) @ basis))
     samples = np.minimum(np.arange(count) * step, length)
-    return Axis(BSpline.design_matrix(samples, knots, 3).tocsr(), grams[0], grams[1], grams[2], step)
+    return Axis(csr_array(BSpline.design_matrix(samples, knots, 3)), grams[0], grams[1], grams[2], step)
 
 
 def _differentiation(knots: np.ndarray, order: int) -> "csr_array":
@@ -85,11 +81,11 @@ def _differentiation(knots: np.ndarray, order: int) -> "csr_array":
 
 
 def pixel_axis(count: int, step: float, cutoff: float) -> Axis:
-    """One function a pixel and differences for derivatives, in units of the cut-off: ISO 16610-22's α = 1 / 2 sin(πΔ/λc)."""
-    from scipy.sparse import diags_array, eye_array
+    """One function a pixel, and differences for derivatives, in units of ISO 16610-22's α = 1 / 2 sin(πΔ/λc)."""
+    from scipy.sparse import csr_array, diags_array, eye_array
 
     alpha = 1 / (2 * np.sin(np.pi * step / cutoff))
-    one = eye_array(count, format="csr")
+    one = csr_array(eye_array(count))
     first = diags_array([-1.0, 1.0], offsets=[0, 1], shape=(count - 1, count)).tocsr()  # type: ignore[call-overload]
     second = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count)).tocsr()  # type: ignore[call-overload]
     return Axis(one, one, alpha**2 * (first.T @ first), alpha**4 * (second.T @ second), 1.0)
@@ -160,7 +156,7 @@ def _diagonalised(axis: Axis) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarra
 def conjugate_gradients(
     apply: Callable[[np.ndarray], np.ndarray], precondition: Callable[[np.ndarray], np.ndarray], load: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """The solution of a positive system from zero, and the relative residual that is left, in the preconditioner's norm."""
+    """The solution of a positive system, and the relative residual that is left, in the preconditioner's norm."""
     solution, residual = np.zeros_like(load), load.copy()
     direction = precondition(residual)
     energy = first = float(np.vdot(residual, direction))

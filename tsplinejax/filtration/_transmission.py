@@ -94,8 +94,9 @@ def transmission(
     border = lengths.max() / 2 if margin is None else float(margin)
     ratios = np.empty((len(heights), len(lengths), len(angles), len(starts)))
     for index in np.ndindex(ratios.shape):
-        a, w, d, p = index
-        ratios[index] = _ratio(filter, heights[a], lengths[w], angles[d], starts[p], (steps[0], steps[1]), border, unit)
+        places = zip((heights, lengths, angles, starts), index, strict=True)
+        amplitude, length, angle, start = (float(values[k]) for values, k in places)
+        ratios[index] = _ratio(filter, amplitude, length, angle, start, (steps[0], steps[1]), border, unit)
     return Transmission(lengths, heights, angles, starts, ratios, unit)
 
 

@@ -30,7 +30,7 @@ class AbstractProjection(ABC):
 
     @abstractmethod
     def of(self, heights: Float[np.ndarray, "rows columns"]) -> TSpline:
-        """The surface in the space with the least squared distance at the valid pixels; heights at others do not count."""
+        """The surface in the space with the least squares at the valid pixels; heights at others do not count."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ class Multiresolution:
     - `tolerance`: largest remainder asked for, or `None` where lattices are uniform.
     - `max_error`, `rms_error`: largest and root-mean-square remainder.
     - `range`: max - min of the data.
-    - `stop`, `converged`: why refinement stopped, and whether the tolerance is met; `None` and True for uniform lattices.
+    - `stop`, `converged`: why refinement stopped, and whether the tolerance is met; of uniform lattices `None`, True.
     - `unit`, `seconds`, `warnings`, `operations`, `provenance`: as for a fit.
     """
 

@@ -49,8 +49,8 @@ def uniform_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int 
         levels = min(levels, deepest)
     if levels > deepest:
         raise InputError(
-            f"elements cannot be smaller than a pixel: from {lattice[0]} × {lattice[1]} elements this map has {deepest} "
-            f"levels at most; received {levels}"
+            f"elements cannot be smaller than a pixel: from {lattice[0]} × {lattice[1]} elements this map has "
+            f"{deepest} levels at most; received {levels}"
         )
     meshes, lattices = [b_lattice(*lattice)], [lattice]
     for _ in range(levels - 1):
