@@ -68,25 +68,35 @@ def test_the_finest_space_is_fitted_by_least_squares(analysis):
     assert found.sq_fitted**2 + found.sq_remainder**2 == pytest.approx(whole, rel=1e-8)
 
 
-@pytest.mark.parametrize(("coarse", "fine"), [(1, 4), (2, 3), (1, 3)])
-def test_two_sines_part(coarse, fine):
-    """Of two sines, each in the middle of a band's wavelengths, at least 95 % of the energy is in its own band."""
-    extent = 191.0
-    y, x = np.mgrid[0:192, 0:192] * 1.0
-    empty = tsj.mra(tsj.HeightMap(x, 1.0, "µm"), levels=5)
-    waves = [np.sqrt(empty.bands[k].shortest * empty.bands[k].longest) for k in (coarse, fine)]
-    first = np.sin(2 * np.pi * (0.8 * x + 0.6 * y) / waves[0] + 0.3)
-    second = 0.2 * np.sin(2 * np.pi * (0.6 * x - 0.8 * y) / waves[1] + 1.1)
-    whole = tsj.mra(tsj.HeightMap(first + second, 1.0, "µm"), levels=5)
-    assert extent / waves[0] > 1
-    for k, wave in ((coarse, first), (fine, second)):
-        alone = tsj.mra(tsj.HeightMap(wave, 1.0, "µm"), levels=5)
-        share = alone.bands[k].sq ** 2 / np.var(wave)
+def test_two_sines_part():
+    """Of a long and a short sine at least 95 % of the energy is in the bands whose wavelengths hold theirs."""
+    y, x = np.mgrid[0:256, 0:256] * 1.0
+    lengths = (255.0, 8.0)
+    waves = [np.sin(2 * np.pi * x / lengths[0] + 0.3), 0.2 * np.sin(2 * np.pi * y / lengths[1] + 1.1)]
+    found = tsj.mra(tsj.HeightMap(waves[0] + waves[1], 1.0, "µm"), levels=6)
+    own = [next(k for k, band in enumerate(found.bands) if band.shortest < length < band.longest) for length in lengths]
+    assert own == [0, 5]
+    for wave, k in zip(waves, own, strict=True):
+        centred = wave - wave.mean()
+        share = np.vdot(found.heights[k], centred) / np.vdot(centred, centred)
         assert share >= 0.95
-        assert whole.bands[k].shortest < waves[(coarse, fine).index(k)] < whole.bands[k].longest
-    parts = whole.heights
-    assert np.corrcoef(parts[coarse].ravel(), first.ravel())[0, 1] ** 2 >= 0.95
-    assert np.corrcoef(parts[fine].ravel(), second.ravel())[0, 1] ** 2 >= 0.95
+        alone = tsj.mra(tsj.HeightMap(wave, 1.0, "µm"), levels=6)
+        assert alone.bands[k].sq ** 2 >= 0.95 * np.var(wave)
+
+
+@pytest.mark.parametrize("periods", [20, 24, 27, 32])
+def test_energy_splits_where_it_is_said(periods):
+    """What bands down to elements of size h take of a wave is what cubic splines on an endless lattice take.
+
+    That is B(f)² / Σ B(f + k)² with B = sinc⁴ and f = h / λ: one half at λ = 2 h; borders add a little.
+    """
+    wave = np.sin(2 * np.pi * periods * np.arange(256) / 255 + 0.7)
+    found = tsj.mra(tsj.HeightMap(wave * np.ones((256, 1)), 1 / 255, "mm"), levels=5)
+    frequency = found.bands[-1].spacing * periods
+    assert frequency == pytest.approx(periods / 48)
+    aliases = np.sinc(frequency + np.arange(-4, 5)) ** 8
+    share = sum(band.sq**2 for band in found.bands) / np.var(wave)
+    assert share == pytest.approx(aliases[4] / aliases.sum(), abs=0.08)
 
 
 def test_adaptive_bands_meet_the_tolerance():
