@@ -52,7 +52,11 @@ def bands(name: str, way: str, data: tsj.HeightMap, **options: Any) -> dict[str,
     seconds = time.perf_counter() - started
     places = np.random.default_rng(0).random((2000, 2))
     off = [
-        float(np.abs(np.asarray(tsj.transfer(band.surface, finer.surface.space.mesh)(places) - band.surface(places))).max())
+        float(
+            np.abs(
+                np.asarray(tsj.transfer(band.surface, finer.surface.space.mesh)(places) - band.surface(places))
+            ).max()
+        )
         for band, finer in zip(found.bands, found.bands[1:], strict=False)
     ]
     line = {

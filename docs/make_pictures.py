@@ -16,8 +16,18 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import Rectangle  # noqa: E402
 
 import tsplinejax as tsj  # noqa: E402
-from tsplinejax.data import freeform_artefact, plate_with_particles, scattered_peaks  # noqa: E402
-from tsplinejax.plot import plot_error, plot_form_removal, plot_mesh, plot_overview, plot_tolerance_study  # noqa: E402
+from tsplinejax.data import freeform_artefact, peaks, plate_with_particles, scattered_peaks  # noqa: E402
+from tsplinejax.plot import (  # noqa: E402
+    plot_bands,
+    plot_error,
+    plot_form_removal,
+    plot_height_map,
+    plot_mesh,
+    plot_overview,
+    plot_texture,
+    plot_tolerance_study,
+    plot_transmission,
+)
 from tsplinejax.space import bezier_elements  # noqa: E402
 
 IMAGES = Path(__file__).parent / "images"
@@ -117,6 +127,60 @@ def _boxes(ax: Axes, boxes: np.ndarray, **style) -> None:
     ax.set(xlim=(-0.02, 1.02), ylim=(1.02, -0.02), aspect=0.75, xlabel="s", ylabel="t")
 
 
+def filtration() -> Figure:
+    """A noisy step, blurred by a Gaussian and with its edge kept, and what both take off."""
+    y, x = np.mgrid[0:128, 0:128] * 0.5
+    noise = 0.03 * np.random.default_rng(0).normal(size=x.shape)
+    data = tsj.HeightMap(np.where(x + 0.3 * y > 41, 1.0, 0.0) + 0.05 * np.sin(y / 8) + noise, 0.5, "µm")
+    kept = tsj.filter(data, tolerance="300nm")
+    gaussian = tsj.s_filter(data, "6um")
+    figure, axes = plt.subplots(2, 3, figsize=(9.6, 5.6), layout="constrained")
+    for ax, title, heights in zip(
+        axes[0], ("measured", "Gaussian, 6 µm", "edges kept, 0.3 µm"), (data, gaussian, kept.filtered), strict=True
+    ):
+        plot_height_map(heights, ax)
+        ax.set_title(title)
+    _profiles(axes[1, 0], (data, gaussian, kept.filtered))
+    plot_texture(data.with_heights(data.heights - gaussian.heights), axes[1, 1])
+    plot_texture(kept.residual, axes[1, 2])
+    return figure
+
+
+def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
+    """The middle row of three maps."""
+    styles = (("0.75", "measured", 0.8), (ORANGE, "Gaussian", 1.2), (BLUE, "edges kept", 1.4))
+    for height_map, (colour, label, width) in zip(maps, styles, strict=True):
+        row = height_map.heights[len(height_map.heights) // 2]
+        ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
+    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(15, 47))
+    ax.legend(frameon=False, fontsize=8)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def transmission() -> Figure:
+    """The linear filter on its definition, and the tolerance filter for two amplitudes."""
+    lengths, options = 16.0 * np.geomspace(0.25, 4, 9), {"spacing": 1.0, "unit": "µm", "margin": 32.0}
+    linear = tsj.transmission(lambda data: tsj.filter(data, cutoff=16.0), lengths, 0.1, phases=4, **options)
+    both = tsj.transmission(
+        lambda data: tsj.filter(data, cutoff=16.0, tolerance=0.2),
+        lengths[:6],
+        [0.1, 1.0],
+        phases=1,
+        directions=[0],
+        **options,
+    )
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.4), layout="constrained", sharey=True)
+    plot_transmission(linear, axes[0], cutoff=16.0)
+    plot_transmission(both, axes[1], cutoff=16.0)
+    return figure
+
+
+def multiresolution() -> Figure:
+    """All bands of the Peaks surface with noise."""
+    noisy = peaks((192, 192), noise=0.02)
+    return plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "plate": first_screen,
     "overview": overview,
@@ -124,6 +188,9 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "noise": noise,
     "t_mesh": t_mesh,
     "form": form,
+    "filtration": filtration,
+    "transmission": transmission,
+    "multiresolution": multiresolution,
 }
 
 

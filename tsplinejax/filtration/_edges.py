@@ -131,7 +131,11 @@ def _problem(
     count = int(np.ceil(shorter * _SPACINGS / cutoff - 1e-9))
     if finest_spacing is not None:
         count = min(count, int(shorter / finest_spacing + 1e-9))
-    lattice = scaled_lattice(frame, max(1, min(count, min(height_map.shape) - 3)))
+    count = max(1, min(count, min(height_map.shape) - 3))
+    most = options.get("max_control_points") or np.inf
+    while count > 1 and np.prod(np.add(scaled_lattice(frame, count), 3)) > most:
+        count -= 1
+    lattice = scaled_lattice(frame, count)
     problem = pose_fit(height_map, tolerance=tolerance, lattice=lattice, **options)
     factor = problem.scaling.factor
     criterion = FeatureCriterion(
