@@ -1,9 +1,9 @@
 """Do bands add up, are they orthogonal, and does each hold the waves it says?
 
-Peaks with noise (the paper's Fig. 8), the same with a hole, and measured surfaces, in uniform and adaptive bands: how far
-the sum of the bands is from the fitted surface, relative to the range; how far a band is from its transfer to the next
-space; and the leak |Sq² - Σ Sq_k²| / Sq². A second table has two sines, each in the middle of a band's wavelengths, and
-the part of its energy in its own band, over the number of periods: borders take a part of it.
+Peaks with noise (the paper's Fig. 8), the same with a hole, and measured surfaces, in uniform and adaptive bands: how
+far the sum of the bands is from the fitted surface, and a band from its transfer to the next space, relative to the
+range; and the leak |Sq² - Σ Sq_k²| / Sq². A second table has a long and a short sine, and the part of the energy of each
+in the band whose wavelengths hold its own, over the number of periods: borders take a part of it.
 """
 
 import sys

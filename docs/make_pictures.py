@@ -129,14 +129,14 @@ def _boxes(ax: Axes, boxes: np.ndarray, **style) -> None:
 
 def filtration() -> Figure:
     """A noisy step, blurred by a Gaussian and with its edge kept, and what both take off."""
-    y, x = np.mgrid[0:128, 0:128] * 0.5
-    noise = 0.03 * np.random.default_rng(0).normal(size=x.shape)
-    data = tsj.HeightMap(np.where(x + 0.3 * y > 41, 1.0, 0.0) + 0.05 * np.sin(y / 8) + noise, 0.5, "µm")
-    kept = tsj.filter(data, tolerance="300nm")
+    y, x = np.mgrid[0:96, 0:96] * 0.5
+    noise = 0.01 * np.random.default_rng(0).normal(size=x.shape)
+    data = tsj.HeightMap(np.where(x + 0.3 * y > 31, 1.0, 0.0) + 0.02 * np.sin(y / 8) + noise, 0.5, "µm")
+    kept = tsj.filter(data, tolerance="100nm")
     gaussian = tsj.s_filter(data, "6um")
-    figure, axes = plt.subplots(2, 3, figsize=(9.6, 5.6), layout="constrained")
+    figure, axes = plt.subplots(2, 3, figsize=(8.4, 4.8), layout="constrained")
     for ax, title, heights in zip(
-        axes[0], ("measured", "Gaussian, 6 µm", "edges kept, 0.3 µm"), (data, gaussian, kept.filtered), strict=True
+        axes[0], ("measured", "Gaussian, 6 µm", "edges kept, 0.1 µm"), (data, gaussian, kept.filtered), strict=True
     ):
         plot_height_map(heights, ax)
         ax.set_title(title)
@@ -152,7 +152,7 @@ def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
     for height_map, (colour, label, width) in zip(maps, styles, strict=True):
         row = height_map.heights[len(height_map.heights) // 2]
         ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
-    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(15, 47))
+    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 34))
     ax.legend(frameon=False, fontsize=8)
     ax.spines[["top", "right"]].set_visible(False)
 
@@ -177,8 +177,10 @@ def transmission() -> Figure:
 
 def multiresolution() -> Figure:
     """All bands of the Peaks surface with noise."""
-    noisy = peaks((192, 192), noise=0.02)
-    return plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
+    noisy = peaks((128, 128), noise=0.02)
+    figure = plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
+    figure.set_size_inches(7.6, 4.9)
+    return figure
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
