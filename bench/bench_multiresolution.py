@@ -1,9 +1,9 @@
 """Do bands add up, are they orthogonal, and does each hold the waves it says?
 
-Peaks with noise (the paper's Fig. 8), the same with a hole, and measured surfaces, in uniform and adaptive bands: how
-far the sum of the bands is from the fitted surface, and a band from its transfer to the next space, relative to the
-range; and the leak |Sq² - Σ Sq_k²| / Sq². A second table has a long and a short sine, and the part of the energy of each
-in the band whose wavelengths hold its own, over the number of periods: borders take a part of it.
+Peaks with noise (the paper's Fig. 8), the same with a hole, and measured surfaces, in uniform and adaptive bands:
+how far the sum of the bands is from the fitted surface, and a band from its transfer to the next space, relative to the
+range; and the leak |Sq² - Σ Sq_k²| / Sq². A second table has a long and a short sine, and the part of the energy of
+each in the band whose wavelengths hold its own, over the number of periods: borders take a part of it.
 """
 
 import sys
@@ -79,7 +79,7 @@ def sines(side: int) -> list[dict[str, Any]]:
     rows = []
     x = np.arange(side) / (side - 1)
     for k, elements in enumerate((24, 48, 96), start=3):
-        periods = elements / 2.5
+        periods = elements / 2.83  # the middle of 2 h to 4 h
         wave = 0.2 * np.sin(2 * np.pi * periods * x + 1.1)
         long = np.sin(2 * np.pi * x + 0.3)
         found = tsj.mra(tsj.HeightMap((wave + long) * np.ones((side, 1)), 1 / (side - 1), "mm"), levels=k + 1)

@@ -153,7 +153,7 @@ def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
         row = height_map.heights[len(height_map.heights) // 2]
         ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
     ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 34))
-    ax.legend(frameon=False, fontsize=8)
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -179,7 +179,7 @@ def multiresolution() -> Figure:
     """All bands of the Peaks surface with noise."""
     noisy = peaks((128, 128), noise=0.02)
     figure = plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
-    figure.set_size_inches(7.6, 4.9)
+    figure.set_size_inches(7.2, 4.5)
     return figure
 
 

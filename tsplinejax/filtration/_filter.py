@@ -1,6 +1,7 @@
 """`filter`: the smooth version of a height map, and what was taken off."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,7 +100,8 @@ class _Work:
     """What either way of filtering comes to."""
 
     heights: Float[np.ndarray, "rows columns"]
-    surface: TSpline
+    surface: Callable[[], TSpline]
+    control_points: int
     edge_share: float = 0.0
     stop: StopReason | None = None
     warnings: tuple[str, ...] = ()
@@ -169,8 +171,11 @@ def _limit(
 def _linear(task: _Task) -> _Work:
     """Smooth over a uniform lattice."""
     work = linear(task.kept, task.cutoff, task.finest_spacing)
-    surface = gridded_surface(work.points, b_lattice(*work.lattice), task.height_map.frame, task.dtype)
-    return _Work(work.heights, surface, warnings=work.warnings)
+
+    def surface() -> TSpline:  # extraction over a fine lattice takes longer than the filter
+        return gridded_surface(work.points, b_lattice(*work.lattice), task.height_map.frame, task.dtype)
+
+    return _Work(work.heights, surface, work.points.size, warnings=work.warnings)
 
 
 def _edge_preserving(task: _Task, options: dict[str, Any]) -> _Work:
@@ -185,7 +190,8 @@ def _edge_preserving(task: _Task, options: dict[str, Any]) -> _Work:
     heights[task.kept.valid] = task.kept.heights[task.kept.valid] - work.residuals
     if task.outliers.any():
         heights = np.where(task.outliers, _at_pixels(work.surface, task.height_map, task.outliers), heights)
-    return _Work(heights, work.surface, work.edge_share, work.stop, before.warnings)
+    points = len(work.surface.control_points)
+    return _Work(heights, lambda: work.surface, points, work.edge_share, work.stop, before.warnings)
 
 
 def _at_pixels(
@@ -228,7 +234,6 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
     return Filtered(
         filtered=maps[0],
         residual=maps[1],
-        surface=work.surface,
         cutoff=task.cutoff,
         tolerance=task.tolerance,
         finest_spacing=task.finest_spacing,
@@ -239,7 +244,7 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
         range=task.kept.range,
         edge_share=work.edge_share,
         outliers=int(np.count_nonzero(task.outliers)),
-        control_points=len(work.surface.control_points),
+        control_points=work.control_points,
         stop=work.stop,
         converged=converged,
         unit=unit,
@@ -247,6 +252,7 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
         warnings=tuple(warnings),
         operations=tuple(provenance["operations"]),
         provenance={"software": f"tsplinejax {__version__}", "input": dict(height_map.provenance)},
+        _make_surface=work.surface,
     )
 
 

@@ -1,7 +1,8 @@
 """What a filter returns: the filtered map, what was taken off, the surface, and the account of them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ class Filtered:
     **Attributes:**
 
     - `filtered`, `residual`: maps over the same pixels, which add up to the data; missing pixels stay missing.
-    - `surface`: the T-spline of which `filtered` are the heights; it has heights at missing pixels, too.
     - `cutoff`: the wavelength λc of which a linear filter lets half through, away from kept edges; `None` where only a
       spacing or a tolerance limits the waves.
     - `tolerance`: largest magnitude of the residual allowed; `None` for a linear filter.
@@ -35,7 +35,6 @@ class Filtered:
 
     filtered: HeightMap
     residual: HeightMap
-    surface: TSpline
     cutoff: float | None
     tolerance: float | None
     finest_spacing: float | None
@@ -54,6 +53,7 @@ class Filtered:
     warnings: tuple[str, ...]
     operations: tuple[str, ...]
     provenance: Mapping[str, Any]
+    _make_surface: Callable[[], TSpline]
 
     def __repr__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
@@ -64,6 +64,11 @@ class Filtered:
             f"Filtered({rows} rows × {columns} columns, {limits}, Sq removed {self.sq_removed:.4g}{unit}, "
             f"{self.control_points} control points{'' if self.stop is None else f', stop: {self.stop}'})"
         )
+
+    @cached_property
+    def surface(self) -> TSpline:
+        """The T-spline of which `filtered` are the heights; it has heights at missing pixels, too."""
+        return self._make_surface()
 
     @property
     def report(self) -> dict[str, Any]:

@@ -1,9 +1,8 @@
 """Least squares of a map over a space, solved to round-off: the orthogonal projection on the samples.
 
 Over the uniform lattice of a gapless map the normal matrix is a product of one along y and one along x. Elsewhere it is
-factorised once, with a trace of bending energy that decides what no sample determines; its influence on the rest is
-taken away by solving again for the residual (iterated Tikhonov regularisation; Engl, Hanke and Neubauer, Regularization
-of Inverse Problems, 1996, ch. 5): what is left of it falls with each pass.
+factorised once, with a trace of bending energy added, and preconditions conjugate gradients without it: what the
+samples determine is solved to round-off, and what none determines stays as flat as the trace leaves it.
 """
 
 from abc import ABC, abstractmethod
@@ -15,14 +14,14 @@ from numpy.typing import DTypeLike
 
 from ..data import HeightMap
 from ..filtration._lattice import gridded_surface, smoother
+from ..filtration._separable import conjugate_gradients
 from ..fitting import default_smoothing
 from ..fitting._design import Design, energy_matrix, factorise
 from ..mesh import TMesh
 from ..space import spline_space
 from ..surface import TSpline, make_surface
 
-_PASSES = 12
-_ACCURACY = 1e-14  # of the gradient over the load
+_PASSES = 2
 
 
 class AbstractProjection(ABC):
@@ -62,23 +61,26 @@ class MeshProjection(AbstractProjection):
         self.factor = factorise(self.design, energy, default_smoothing(len(samples)), "the map")
 
     def of(self, heights: Float[np.ndarray, "rows columns"]) -> TSpline:
-        """Solve until the gradient is gone."""
-        rest = heights.ravel()[self.index].astype(np.float64)
+        """Solve, and again for what rounding left."""
+        values = heights.ravel()[self.index].astype(np.float64)
         points = np.zeros(int(self.space.n_functions))
-        limit, before = 0.0, np.inf
         for _ in range(_PASSES):
-            gradient = self._gradient(rest)
-            size = float(np.abs(gradient).max())
-            limit = limit or _ACCURACY * size
-            if size <= limit or size >= before:
-                break
-            before = size
-            change = self.factor.solve(gradient[:, None])[:, 0]
-            points += change
-            for taken, band in self.design:
-                rest[taken] -= band @ change
+            points = points + conjugate_gradients(self._normal, self._precondition, self._load(values))[0]
+            values = heights.ravel()[self.index] - self._values(points)
         return make_surface(self.space, points, self.frame)
 
-    def _gradient(self, rest: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-        """Bᵀ r."""
-        return np.sum([band.T @ rest[taken] for taken, band in self.design], axis=0)
+    def _values(self, points: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        """B p."""
+        return np.concatenate([band @ points for _, band in self.design])
+
+    def _load(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+        """Bᵀ v."""
+        return np.sum([band.T @ values[taken] for taken, band in self.design], axis=0)
+
+    def _normal(self, points: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Bᵀ B p."""
+        return np.sum([band.T @ (band @ points) for _, band in self.design], axis=0)
+
+    def _precondition(self, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """(Bᵀ B + λ K)⁻¹ r."""
+        return self.factor.solve(residual[:, None])[:, 0]
