@@ -18,7 +18,7 @@ from ..fitting._tally import Tally
 from ..mesh import TMesh
 
 _AROUND, _FAR = 1 / 8, 3 / 8  # in cut-offs: as far as a feature reaches, and where the plain residuals begin
-_STANDS_OUT = 4.0  # robust standard deviations; noise alone reaches that once in 16 000 pixels
+_STANDS_OUT = 3.5  # robust standard deviations; noise alone reaches that once in 2000 pixels
 _FINE = 0.05  # of the tolerance: no feature is resolved more finely
 _ENOUGH = 0.1  # share of the pixels that a robust deviation needs
 _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
