@@ -69,8 +69,8 @@ def filter(
 
     >>> step = np.where(np.arange(64) < 32, 0.0, 1.0) + 0.02 * np.random.default_rng(0).normal(size=(64, 64))
     >>> filtered = filter(step, tolerance=0.25)
-    >>> filtered.max_error <= 0.25, round(filtered.sq_removed, 2)
-    (True, 0.02)
+    >>> filtered.max_error <= 0.25, filtered.sq_removed < 0.04
+    (True, True)
     """
     started = time.perf_counter()
     task = _read(data, tolerance, relative_tolerance, cutoff, finest_spacing, robust)

@@ -77,7 +77,7 @@ def transmission(
     a map of another shape.
 
     >>> import tsplinejax as tsj
-    >>> curve = transmission(lambda m: tsj.filter(m, cutoff=8.0), [8.0], spacing=1.0, directions=[0.0], phases=2)
+    >>> curve = transmission(lambda m: tsj.filter(m, cutoff=8.0), [8.0], spacing=1.0, margin=16.0, phases=2)
     >>> round(float(curve.mean[0, 0]), 2)
     0.5
     """
