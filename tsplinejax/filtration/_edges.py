@@ -39,7 +39,7 @@ from ._features import FeatureCriterion, Features, cumulated, standing_out
 # Curvature of a smoothed step over its height and λc⁻²: at most 6.4; at half of that an edge begins to form.
 _STEP_CURVATURE = 3.2
 _ROUNDS, _RELAXING, _SETTLED = 16, 4, 0.25
-_CLEARER = 0.8
+_CLEARER = 0.95  # of a level, below which a new one is worth another refinement
 _GATHER = 3.0  # T falls to its value by this factor a round, from the largest curvature: the highest edges form first
 _RELAXED = 0.05  # factor of a weight where a residual exceeds its limit
 _ITERATIONS, _ACCURACY = 400, 1e-8
@@ -103,8 +103,8 @@ def _refined(
     problem = _problem(height_map, features, tolerance, cutoff, finest_spacing, options)
     outcome = run(problem)
     if features.at.any():
-        kept = ~problem.request.outliers
-        level = standing_out(_residuals(problem, outcome.best)[kept], tolerance)
+        plain = features.plain[height_map.valid] & ~problem.request.outliers
+        level = standing_out(_residuals(problem, outcome.best)[plain], tolerance)
         if level < _CLEARER * features.level:
             criterion = replace(problem.criterion, level=level / problem.scaling.factor)  # type: ignore[call-arg]
             problem = replace(problem, criterion=criterion)

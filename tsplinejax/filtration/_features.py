@@ -26,9 +26,10 @@ _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Pixels at features, and the residual that stands out there, in the map's unit."""
+    """Pixels at features, pixels far from them, and the residual that stands out, in the map's unit."""
 
     at: Bool[np.ndarray, "rows columns"]
+    plain: Bool[np.ndarray, "rows columns"]
     level: float
 
 
@@ -41,7 +42,7 @@ def find_features(
     with np.errstate(invalid="ignore"):
         core = np.abs(removed) > tolerance / 2
     if not core.any():
-        return Features(core, tolerance)
+        return Features(core, height_map.valid, tolerance)
     distance = np.asarray(distance_transform_edt(~core, sampling=height_map.spacing[::-1]))
     at = distance <= max(_AROUND * cutoff, max(height_map.spacing))
     known = height_map.valid
@@ -49,7 +50,7 @@ def find_features(
         (part for part in (known & (distance > _FAR * cutoff), known & ~at) if part.sum() >= _ENOUGH * known.sum()),
         known,
     )
-    return Features(at, standing_out(removed[plain], tolerance))
+    return Features(at, plain, standing_out(removed[plain], tolerance))
 
 
 def standing_out(residuals: Float[np.ndarray, " m"], tolerance: float) -> float:
