@@ -60,7 +60,7 @@ def test_a_tolerance(report, command, height_map):
 def test_a_tolerance_that_is_not_met(command, height_map, tmp_path):
     """The map is written, and the exit code is 1."""
     words = ("filter", "map.npz", "-o", "out.npz", "--tolerance", "1pm", "--max-control-points", "200")
-    code, out, err = command(*words)
+    code, out, _ = command(*words)
     assert code == 1
     assert "not met" in out
     assert (tmp_path / "out.npz").exists()
