@@ -19,19 +19,24 @@ import tsplinejax as tsj  # noqa: E402
 from tsplinejax.data import (  # noqa: E402
     freeform_artefact,
     laser_textured_disk,
+    peaks,
     plate_with_particles,
     scattered_peaks,
     structured_with_missing,
 )
 from tsplinejax.plot import (  # noqa: E402
+    plot_bands,
     plot_error,
     plot_filling,
     plot_form_removal,
+    plot_height_map,
     plot_mesh,
     plot_overview,
     plot_samples,
     plot_sampling_study,
+    plot_texture,
     plot_tolerance_study,
+    plot_transmission,
 )
 from tsplinejax.space import bezier_elements  # noqa: E402
 
@@ -151,6 +156,62 @@ def _boxes(ax: Axes, boxes: np.ndarray, **style) -> None:
     ax.set(xlim=(-0.02, 1.02), ylim=(1.02, -0.02), aspect=0.75, xlabel="s", ylabel="t")
 
 
+def filtration() -> Figure:
+    """A noisy step, blurred by a Gaussian and with its edge kept, and what both take off."""
+    y, x = np.mgrid[0:96, 0:96] * 0.5
+    noise = 0.01 * np.random.default_rng(0).normal(size=x.shape)
+    data = tsj.HeightMap(np.where(x + 0.3 * y > 31, 1.0, 0.0) + 0.02 * np.sin(y / 8) + noise, 0.5, "µm")
+    kept = tsj.filter(data, tolerance="100nm")
+    gaussian = tsj.s_filter(data, "6um")
+    figure, axes = plt.subplots(2, 3, figsize=(8.4, 4.8), layout="constrained")
+    for ax, title, heights in zip(
+        axes[0], ("measured", "Gaussian, 6 µm", "edges kept, 0.1 µm"), (data, gaussian, kept.filtered), strict=True
+    ):
+        plot_height_map(heights, ax)
+        ax.set_title(title)
+    _profiles(axes[1, 0], (data, gaussian, kept.filtered))
+    plot_texture(data.with_heights(data.heights - gaussian.heights), axes[1, 1])
+    plot_texture(kept.residual, axes[1, 2])
+    return figure
+
+
+def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
+    """The middle row of three maps."""
+    styles = (("0.75", "measured", 0.8), (ORANGE, "Gaussian", 1.2), (BLUE, "edges kept", 1.4))
+    for height_map, (colour, label, width) in zip(maps, styles, strict=True):
+        row = height_map.heights[len(height_map.heights) // 2]
+        ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
+    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 34))
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def transmission() -> Figure:
+    """The linear filter on its definition, and the tolerance filter for two amplitudes."""
+    lengths, options = 16.0 * np.geomspace(0.25, 4, 9), {"spacing": 1.0, "unit": "µm", "margin": 32.0}
+    linear = tsj.transmission(lambda data: tsj.filter(data, cutoff=16.0), lengths, 0.1, phases=4, **options)
+    both = tsj.transmission(
+        lambda data: tsj.filter(data, cutoff=16.0, tolerance=0.2),
+        lengths[:6],
+        [0.1, 1.0],
+        phases=1,
+        directions=[0],
+        **options,
+    )
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.4), layout="constrained", sharey=True)
+    plot_transmission(linear, axes[0], cutoff=16.0)
+    plot_transmission(both, axes[1], cutoff=16.0)
+    return figure
+
+
+def multiresolution() -> Figure:
+    """All bands of the Peaks surface with noise."""
+    noisy = peaks((128, 128), noise=0.02)
+    figure = plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
+    figure.set_size_inches(7.2, 4.5)
+    return figure
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "plate": first_screen,
     "overview": overview,
@@ -160,6 +221,9 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "form": form,
     "sampling": sampling,
     "filling": filling,
+    "filtration": filtration,
+    "transmission": transmission,
+    "multiresolution": multiresolution,
 }
 
 

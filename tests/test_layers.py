@@ -33,6 +33,8 @@ LAYERS = [
     "characterise",
     "sampling",
     "filling",
+    "filtration",
+    "multiresolution",
     "cli",
 ]
 PRIVATE = {"_version", "_errors"}

@@ -73,6 +73,13 @@ if TYPE_CHECKING:
         s_filter as s_filter,
     )
     from .filling import Filled as Filled, fill_missing as fill_missing
+    from .filtration import (
+        Filtered as Filtered,
+        Transmission as Transmission,
+        filter as filter,
+        transmission as transmission,
+    )
+    from .multiresolution import Band as Band, Multiresolution as Multiresolution, mra as mra
     from .orthogonal import (
         Huber as Huber,
         Joint as Joint,
@@ -110,6 +117,8 @@ _ON_DEMAND = {
         "s_filter",
     ),
     "filling": ("Filled", "fill_missing"),
+    "filtration": ("Filtered", "Transmission", "filter", "transmission"),
+    "multiresolution": ("Band", "Multiresolution", "mra"),
     "orthogonal": ("Huber", "Joint", "Normal", "OrthogonalFit", "Parametric", "Tukey", "fit_orthogonal"),
     "parameterisation": ("Parameterisation", "conformal", "planar"),
     "sampling": (

@@ -40,7 +40,7 @@ def s_filter(data: Any, cutoff: float | str) -> HeightMap:
     >>> round(float(s_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200]), 3)
     0.5
     """
-    height_map, length = _checked(data, cutoff, "S-filter")
+    height_map, length = checked_cutoff(data, cutoff, "S-filter")
     heights = gaussian_mean(height_map.heights, height_map.spacing, length)
     return _with_operation(height_map, heights, f"S-filter Gaussian ISO 16610-61, cut-off {length:g}")
 
@@ -54,7 +54,7 @@ def l_filter(data: Any, cutoff: float | str) -> HeightMap:
     >>> round(float(l_filter(HeightMap(waves, 0.1, "mm"), "4mm").heights[25, 200]), 3)
     0.5
     """
-    height_map, length = _checked(data, cutoff, "L-filter")
+    height_map, length = checked_cutoff(data, cutoff, "L-filter")
     mean = gaussian_mean(height_map.heights, height_map.spacing, length)
     return _with_operation(height_map, height_map.heights - mean, f"L-filter Gaussian ISO 16610-61, cut-off {length:g}")
 
@@ -129,8 +129,11 @@ def _kernel(cutoff: float, count: int) -> Float[np.ndarray, " k"]:
     return weights / weights.sum()
 
 
-def _checked(data: Any, cutoff: float | str, what: str) -> tuple[HeightMap, float]:
-    """A height map of known spacing, and the cut-off in its unit."""
+def checked_cutoff(data: Any, cutoff: float | str, what: str) -> tuple[HeightMap, float]:
+    """A height map of known spacing, and the cut-off in its unit; `what` is the filter that is asked for.
+
+    **Raises:** `InputError` for a point cloud, a map of unknown spacing, and a cut-off that says nothing on this map.
+    """
     height_map = as_data(data)
     if isinstance(height_map, PointCloud):
         raise InputError(

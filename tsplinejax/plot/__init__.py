@@ -12,9 +12,11 @@ same sense, with row 0 at the back; models in space are drawn right-handed.
 matplotlib comes with the extra `plot` and is imported by the first picture.
 """
 
+from ._bands import plot_bands as plot_bands
 from ._convergence import plot_convergence as plot_convergence
 from ._error import plot_error as plot_error
 from ._filling import plot_filling as plot_filling
+from ._filtration import plot_filtered as plot_filtered, plot_transmission as plot_transmission
 from ._height_map import plot_height_map as plot_height_map
 from ._mesh import plot_mesh as plot_mesh
 from ._overview import plot_overview as plot_overview
