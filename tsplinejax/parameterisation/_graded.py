@@ -35,13 +35,13 @@ def graded(
     for level in range(_LEVELS):
         apart = np.linalg.norm(points[:, None] - middles, axis=2)
         near = (apart < radii / 2**level).any(axis=1)
-        points, triangles, loop = _halved(points, triangles, loop, near)
+        points, triangles, loop = halved(points, triangles, loop, near)
     return points, triangles, loop
 
 
-def _halved(
-    points: Float[np.ndarray, "n 3"], triangles: Triangles, loop: Loop, near: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n_more 3"], Triangles, Loop]:
+def halved(
+    points: Float[np.ndarray, "n d"], triangles: Triangles, loop: Loop, near: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n_more d"], Triangles, Loop]:
     """Halve every edge between two vertices that are near; triangles fall into two, three or four."""
     count = len(points)
     ends = np.sort(half_edges(triangles), axis=1)
