@@ -3,9 +3,9 @@
 `python bench/bench_form.py [model] [saddle] [artefact] [measured]`, all by default, keeps `form_model` (the paper's
 Fig. 1a: one spline of 7 × 7 control points through a steep freeform, fitted in height and by orthogonal distance, both
 judged by the distances along normals), `form_saddle` and `form_artefact` (its Fig. 6, the figures it prints beside
-ours), and `form_measured` (a polished dome and a patch of a turbine blade, where they are there). The saddle has a known
-texture of Sq 0.033 along its normals; the artefact is a cloud of 10⁵ points with three holes, displaced points and
-dust, tool marks of Sq 0.139 mm, in any pose, one half twice as dense.
+ours), and `form_measured` (a polished dome and a patch of a turbine blade, where they are there). The saddle has a
+known texture of Sq 0.033 along its normals; the artefact is a cloud of 10⁵ points with three holes, displaced points
+and dust, tool marks of Sq 0.139 mm, in any pose, one half twice as dense.
 """
 
 import sys

@@ -9,7 +9,7 @@ import tsplinejax as tsj
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.parameterisation.surfaces import (  # noqa: E402
+from tests.parameterisation.surfaces import (
     cylinder as cylinder,
     dome as dome,
     facing_patch,

@@ -78,7 +78,8 @@ def test_outward_is_heard_before_the_winding():
     x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
     points = np.column_stack([x.ravel(), y.ravel(), (0.3 * x * y + 0.01 * np.cos(20 * x)).ravel()])
     corner = (np.arange(29)[:, None] * 30 + np.arange(29)).ravel()
-    upwards = np.concatenate([np.stack([corner, corner + 1, corner + 31], 1), np.stack([corner, corner + 31, corner + 30], 1)])
+    lower = np.stack([corner, corner + 1, corner + 31], axis=1)
+    upwards = np.concatenate([lower, np.stack([corner, corner + 31, corner + 30], axis=1)])
     inwards = PointCloud(points, triangles=upwards[:, ::-1])
     for parameters in ("planar", "conformal"):
         options = {"method": "parametric", "parameters": parameters}

@@ -176,7 +176,7 @@ def test_few_points_are_enough():
 
 
 def _true_dilatation(plane, places):
-    """Ratio of singular values of the map from the saddle to the plane, by quadratics through 15 neighbours in (x, y)."""
+    """Ratio of singular values of the map from the saddle to the plane, by quadratics through 15 neighbours."""
     near = cKDTree(plane).query(plane, 15)[1]
     x, y = np.moveaxis(plane[near] - plane[:, None], 2, 0)
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)

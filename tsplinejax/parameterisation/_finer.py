@@ -1,7 +1,7 @@
 """Halve the edges of a mesh: linear elements err by the size of triangles beside the bends of surface and outline.
 
-The parts of a mesh's own triangles lie in them. A cloud's triangles stand for a smooth surface: there the middles of
-edges are lifted onto it, but for those across holes, where nothing is known.
+The parts of a mesh's own triangles lie in them. A cloud's triangles stand for a smooth surface: there the middle of an
+edge lies on the cubic that leaves its ends along the surface.
 """
 
 from typing import NamedTuple
@@ -14,14 +14,21 @@ from ._smooth import LocalQuadratic
 from ._triangles import Loop, Triangles
 
 
+class Smooth(NamedTuple):
+    """What is known of a cloud's surface at the vertices of a mesh: rough coordinates, and slopes over these."""
+
+    surface: LocalQuadratic
+    places: Float[np.ndarray, "n 2"]
+    slopes: Float[np.ndarray, "n 2 3"]
+
+
 class Mesh(NamedTuple):
-    """A disk of triangles and its boundary; of a cloud also rough coordinates, and the surface as a function of them."""
+    """A disk of triangles, its boundary, and the smooth surface that it stands for, if it does."""
 
     vertices: Float[np.ndarray, "n 3"]
     triangles: Triangles
     loop: Loop
-    places: Float[np.ndarray, "n 2"] | None = None
-    surface: LocalQuadratic | None = None
+    smooth: Smooth | None = None
 
     def finer(self) -> "Mesh":
         """All edges halved, new vertices after the old ones.
@@ -31,12 +38,23 @@ class Mesh(NamedTuple):
         8
         """
         count = len(self.vertices)
-        everywhere = np.ones(count, bool)
-        if self.places is None or self.surface is None:
-            return Mesh(*halved(self.vertices, self.triangles, self.loop, everywhere))
-        columns = np.hstack([self.vertices, self.places])
-        columns, triangles, loop = halved(columns, self.triangles, self.loop, everywhere)
-        vertices, places = np.split(columns, [3], axis=1)
-        lifted, known = self.surface(places[count:])
-        vertices[count:] = np.where(known[:, None], lifted, vertices[count:])
-        return Mesh(vertices, triangles, loop, places, self.surface)
+        vertices, triangles, loop, ends = halved(self.vertices, self.triangles, self.loop, np.ones(count, bool))
+        if self.smooth is None:
+            return Mesh(vertices, triangles, loop)
+        surface, places, slopes = self.smooth
+        start, end = ends.T
+        # Hermite: the middle of the cubic with ends p, q and tangents u, v is (p + q) / 2 + (u - v) / 8.
+        bend = np.einsum("nk,nkc->nc", places[end] - places[start], slopes[start] - slopes[end])
+        vertices[count:] += bend / 8
+        middles = (places[start] + places[end]) / 2
+        _, found, known = surface(middles)
+        # Across a hole nothing is known.
+        between = np.where(known[:, None, None], found, (slopes[start] + slopes[end]) / 2)
+        smooth = Smooth(surface, np.concatenate([places, middles]), np.concatenate([slopes, between]))
+        return Mesh(vertices, triangles, loop, smooth)
+
+
+def cloud_mesh(surface: LocalQuadratic, places: Float[np.ndarray, "n 2"], triangles: Triangles, loop: Loop) -> Mesh:
+    """The mesh of a cloud's smooth surface over triangles between coordinates."""
+    vertices, slopes, _ = surface(places)
+    return Mesh(vertices, triangles, loop, Smooth(surface, places, slopes))

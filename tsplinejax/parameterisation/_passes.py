@@ -10,7 +10,7 @@ from .._errors import InputError
 from ._boundary import outlined, outside_left
 from ._corners import corners_of, placed_corners
 from ._delaunay import delaunay
-from ._finer import Mesh
+from ._finer import Mesh, cloud_mesh
 from ._graded import graded
 from ._harmonic import areas, dilatation, harmonic_rectangle, mesh_laplacian
 from ._layout import Neighbourhood, flattened, lay_out, refuse_torn
@@ -102,7 +102,7 @@ def of_cloud(task: Task, max_points: int) -> Solution:
         corners = corners_of(points[loop], places[loop])
     else:
         corners = placed_corners(task.corners, names[loop], task.points)
-    surface, _ = surface_through(points, places, task.neighbours)(places)
+    surface = surface_through(points, places, task.neighbours)(places)[0]
     rough = harmonic_rectangle(mesh_laplacian(surface, outline.triangles), loop, corners)
     plane = rough.coordinates * [1.0, rough.side_ratio]
     refuse_torn(points, plane, flat.reach[outline.original])
@@ -111,7 +111,7 @@ def of_cloud(task: Task, max_points: int) -> Solution:
     number = np.cumsum(used) - 1
     ring = max(boundary_loops(number[triangles]), key=len)
     through = surface_through(points, plane, task.neighbours)
-    mesh = Mesh(through(plane[used])[0], number[triangles], ring, plane[used], through)
+    mesh = cloud_mesh(through, plane[used], number[triangles], ring)
     solution = _solved(mesh, number[loop[corners]])
     boundary = names[np.roll(loop, -corners[0])]
     own = int(used.sum())

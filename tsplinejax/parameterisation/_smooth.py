@@ -35,13 +35,15 @@ class LocalQuadratic(NamedTuple):
     neighbours: int
     trust: Float[np.ndarray, " m"]
 
-    def __call__(self, wanted: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-        """Positions at any coordinates, and which of them have points on all sides."""
+    def __call__(
+        self, wanted: Float[np.ndarray, "n 2"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2 3"], Bool[np.ndarray, " n"]]:
+        """Positions and slopes at any coordinates, and which of them have points on all sides."""
         parts = [self._part(wanted[first : first + _CHUNK]) for first in range(0, max(len(wanted), 1), _CHUNK)]
-        positions, known = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return positions, known
+        positions, slopes, known = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return positions, slopes, known
 
-    def _part(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _part(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         distance, near = self.tree.query(wanted, self.neighbours + 1)
         scale = distance[:, -1:] + 1e-300
         weight = (self.trust[near] + 1e-6) * (1.0 - 0.99 * (distance / scale) ** 2)
@@ -50,8 +52,8 @@ class LocalQuadratic(NamedTuple):
         weighted = np.swapaxes(terms * weight[:, :, None], 1, 2)
         moments = weighted @ terms
         moments += _RIDGE * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.diag([0.0, 1, 1, 1, 1, 1])
-        found = np.linalg.solve(moments, weighted @ self.points[near])[:, 0]
-        return found, distance[:, 0] <= _BESIDE * scale[:, 0]
+        found = np.linalg.solve(moments, weighted @ self.points[near])
+        return found[:, 0], found[:, 1:3] / scale[:, :, None], distance[:, 0] <= _BESIDE * scale[:, 0]
 
 
 def surface_through(
