@@ -191,7 +191,7 @@ def _true_dilatation(plane, places):
 NEARLY_CLOSED = {
     "sphere open by 50°": lambda u, v: _sphere(2 * np.pi * u, np.arccos(1 - (1 + np.cos(np.radians(25))) * v)),
     "pipe of 340°": lambda u, v: np.column_stack([np.cos(5.93 * u), np.sin(5.93 * u), 3 * v]),
-    "cup": lambda u, v: _cup(2 * np.pi * u, v),
+    "deep bowl": lambda u, v: _bowl(2 * np.pi * u, v),
 }
 
 
@@ -200,11 +200,11 @@ def _sphere(longitude, colatitude):
     return np.column_stack([across * np.cos(longitude), across * np.sin(longitude), -np.cos(colatitude)])
 
 
-def _cup(angle, v):
-    """A flat bottom and a wall twice as high as the bottom is wide, by equal areas."""
-    area = 9 * v
-    radius, height = np.sqrt(np.minimum(area, 1)), np.maximum(area - 1, 0) / 2
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+def _bowl(angle, v):
+    """Half an ellipsoid, three times as deep as wide."""
+    level = np.pi / 2 * np.sqrt(v)
+    across = np.sin(level)
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), 3 * (1 - np.cos(level))])
 
 
 @pytest.mark.parametrize("name", NEARLY_CLOSED)

@@ -1,6 +1,6 @@
 """Lay a nearly closed cloud out flat by its rim: what no view shows whole and no unrolling opens.
 
-The rim is where a point's neighbours, seen in its tangent plane, leave nearly half the directions empty. It goes to the
+The rim is where a point's neighbours, seen in its tangent plane, leave up to half the directions empty. It goes to the
 unit circle, and every other point to the mean of its neighbours: Tutte's embedding ("How to draw a graph", 1963) of a
 graph of near points.
 """
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from ._triangles import Loop
 
 _AROUND, _NEAR = 30, 8  # neighbours that show gaps, and those that a point is the mean of
-_GAP = np.radians(160)
+_GAP = np.radians(120)
 _FEWEST = 12
 _CHUNK = 1 << 15
 
@@ -39,15 +39,15 @@ def laid_by_rim(
     if boundary is not None:
         rim, circle = boundary, _by_length(points[boundary])
     else:
-        rim = _largest(graph, _open(points))
+        rim = _largest(graph, _gaps(points) > _GAP)
         if len(rim) < _FEWEST:
             return None
         circle = _by_distance(graph[rim][:, rim])
     return _means(points, rim, circle)
 
 
-def _open(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
-    """Points whose neighbours leave nearly half the directions of the tangent plane empty."""
+def _gaps(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+    """The widest angle without a neighbour in each point's tangent plane."""
     near = cKDTree(points).query(points, min(_AROUND, len(points) - 1) + 1)[1][:, 1:]
     widest = np.empty(len(points))
     for first in range(0, len(points), _CHUNK):
@@ -57,7 +57,7 @@ def _open(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
         flat = offsets @ axes
         angle = np.sort(np.arctan2(flat[:, :, 1], flat[:, :, 0]), axis=1)
         widest[rows] = np.diff(angle, axis=1, append=angle[:, :1] + 2 * np.pi).max(axis=1)
-    return widest > _GAP
+    return widest
 
 
 def _largest(graph: sparse.csr_matrix, chosen: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " r"]:
