@@ -132,7 +132,7 @@ def exact() -> None:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     rows = []
     before = np.nan
-    for count in range(1, 13):
+    for count in range(1, 10):
         fit = tsj.fit_orthogonal(points, wrong, space=space, method=method, smoothing=0.0, max_iterations=count)
         apart = np.abs(np.asarray(tsj.project(fit.surface, np.asarray(truth(grid))).distances)).max()
         left = fit.rms_error / size
