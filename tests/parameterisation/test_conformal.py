@@ -164,7 +164,7 @@ def test_winding_says_the_outward_side():
 
 
 def test_few_points_are_enough():
-    """1024 points of a steep saddle have the parameters that fifteen times as many give, within a third of a spacing."""
+    """1024 points of a steep saddle have the parameters that many more give, within a third of their spacing."""
     few, many = 32, 125
     coarse, fine = (
         conformal(SURFACES["saddle"](*grid(count, count)), corners=np.array([0, 1, count + 1, count]) * (count - 1))

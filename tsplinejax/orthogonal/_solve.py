@@ -1,7 +1,7 @@
 """Solving the reduced normal equations: a dense Cholesky factor where they are small, else conjugate gradients.
 
 Without held slip the matrix is all but singular: control points may slide along the surface. A trace of damping then
-makes the step the shortest one, up to the trace. It falls with the mean squared distance: a trace that stayed would make
+makes the step the shortest one, up to the trace. The trace falls with the mean squared distance: one that stays makes
 the last steps linear, one that vanishes so leaves them quadratic (Yamashita & Fukushima, "On the rate of convergence of
 the Levenberg-Marquardt method", Computing Suppl. 15, 2001).
 """
