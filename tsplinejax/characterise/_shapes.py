@@ -143,12 +143,12 @@ class PolynomialShape(AbstractShape):
 
     def basis(self, x: np.ndarray, y: np.ndarray) -> Float[np.ndarray, "m k"]:
         """The products at places."""
-        along, across = (np.polynomial.legendre.legvander(values, self.order) for values in (x, y))
-        return np.stack([along[:, i] * across[:, j] for i, j in self.exponents]).T
+        along, across = (np.polynomial.legendre.legvander(values, self.order).T for values in (x, y))
+        return np.stack([along[i] * across[j] for i, j in self.exponents]).T
 
     def partials(self, places: Float[np.ndarray, "m 2"], orders: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
         """Partial derivatives (m,) of the heights at places, of orders (in x, in y)."""
-        along, across = (np.polynomial.legendre.legvander(values, self.order) for values in places.T)
+        along, across = (np.polynomial.legendre.legvander(values, self.order).T for values in places.T)
         whole = np.zeros((self.order + 1, self.order + 1))
         whole[tuple(np.transpose(self.exponents))] = self.coefficients
         for times in orders:
@@ -156,7 +156,7 @@ class PolynomialShape(AbstractShape):
             for axis in range(2):
                 table = np.polynomial.legendre.legder(table, times[axis], axis=axis)
             rows, columns = table.shape
-            yield np.einsum("mj,mj->m", along[:, :rows] @ table, across[:, :columns])
+            yield np.einsum("jm,jm->m", table.T @ along[:rows], across[:columns])
 
     def _feet(self, points: np.ndarray) -> Float[np.ndarray, "m 2"]:
         """Where the feet are in the plane, by Newton's iteration from the points below; those that rest drop out."""
