@@ -168,7 +168,7 @@ def test_feet_that_rest_take_no_more_steps(monkeypatch):
         return step(shape, points, feet)
 
     monkeypatch.setattr(PolynomialShape, "_newton", counted)
-    points = np.column_stack([x.ravel(), y.ravel(), heights.ravel()])
+    points = np.column_stack([x.ravel() + 1, y.ravel() + 1, heights.ravel()])
     assert np.abs(fitted.project(points).distances).max() < 0.1
     assert sum(taken) < 8 * len(points)
 
