@@ -125,8 +125,8 @@ def refuse_torn(
     if torn >= _TORN:
         raise InputError(
             f"a surface like a bent sheet is needed, but {torn:.0%} of the points tear off their neighbours when laid "
-            "flat: the cloud is closed, or branched; cut out a patch with one edge, name the points of that edge in "
-            "order with boundary=, or give triangles, as in PointCloud(points, triangles=...)"
+            "flat: the cloud is closed, or branched; cut out a patch with one edge, or give triangles, as in "
+            "PointCloud(points, triangles=...)"
         )
 
 
