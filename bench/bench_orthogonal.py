@@ -131,16 +131,20 @@ def exact() -> None:
     grid = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     rows = []
-    for count in range(1, 9):
+    before = np.nan
+    for count in range(1, 10):
         fit = tsj.fit_orthogonal(points, wrong, space=space, method=method, smoothing=0.0, max_iterations=count)
         apart = np.abs(np.asarray(tsj.project(fit.surface, np.asarray(truth(grid))).distances)).max()
+        left = fit.rms_error / size
         rows.append(
             {
                 "iterations": count,
                 "between surfaces / size": float(apart) / size,
-                "rms of points / size": fit.rms_error / size,
+                "rms of points / size": left,
+                "over the square of the one before": left / before**2,
             }
         )
+        before = left
         print(rows[-1], file=sys.stderr, flush=True)
     keep("orthogonal_exact", rows, points=len(points), control_points=int(space.n_functions))
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tsplinejax import Cylinder, HeightMap, InputError, Plane, PointCloud, Polynomial, Sphere, fit_form
+from tsplinejax.characterise._shapes import PolynomialShape
 
 TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
 SHIFT = np.array([5.0, -60.0, 700.0])
@@ -98,25 +99,78 @@ def test_project_gives_feet():
         np.testing.assert_allclose(np.linalg.norm(foot.normals, axis=1), 1, atol=1e-12)
 
 
-def test_against_odrpack():
-    """With noise in all coordinates the orthogonal sphere and plane are those of odrpack's implicit fits."""
+def _sphere_through(x, beta):
+    """Distance to a sphere of centre and radius."""
+    return np.sqrt(((x - beta[:3, None]) ** 2).sum(axis=0)) - beta[3]
+
+
+def _cylinder_through(x, beta):
+    """Distance to a cylinder about the line (a + c z, b + d z, z)."""
+    axis = np.array([beta[2], beta[3], 1.0]) / np.sqrt(beta[2] ** 2 + beta[3] ** 2 + 1)
+    off = x - np.array([[beta[0]], [beta[1]], [0.0]])
+    across = off - axis[:, None] * (axis @ off)
+    return np.sqrt((across**2).sum(axis=0)) - beta[4]
+
+
+AGAINST = {
+    "sphere": (lambda: cap(3.0)[:400], _sphere_through, [0.1, -0.1, 0.2, 2.5]),
+    "cylinder": (lambda: pipe(2.0, 3.0)[:400], _cylinder_through, [0.1, -0.1, 0.05, 0.02, 1.8]),
+}
+
+
+@pytest.mark.parametrize("form", AGAINST)
+def test_against_odrpack(form):
+    """With noise in all coordinates the sum of squared distances is that of odrpack's implicit fit, or below."""
     odrpack = pytest.importorskip("odrpack", reason="odrpack, a peer in the extra bench, is not installed")
-    generator = np.random.default_rng(4)
-    points = cap(3.0)[:400] + 0.01 * generator.normal(size=(400, 3))
+    exact, model, start = AGAINST[form]
+    points = exact() + 0.01 * np.random.default_rng(4).normal(size=(400, 3))
+    found = odrpack.odr_fit(
+        model, points.T, np.zeros(400), np.array(start), task="implicit-ODR", sstol=1e-15, partol=1e-13, maxit=500
+    )
+    ours = fit_form(points, form)
+    assert ours.values["radius"] == pytest.approx(found.beta[-1], rel=1e-5)
+    squares, theirs = np.sum(ours.residuals**2), np.sum(model(points.T, found.beta) ** 2)
+    assert squares <= theirs * (1 + 1e-12)
+    assert squares == pytest.approx(theirs, rel=1e-6)
 
-    def sphere(x, beta):
-        return np.sqrt(((x - beta[:3, None]) ** 2).sum(axis=0)) - beta[3]
 
-    def peer(model, start):
-        return odrpack.odr_fit(
-            model, points.T, np.zeros(400), np.asarray(start), task="implicit-ODR", sstol=1e-15, partol=1e-13, maxit=500
-        )
+def test_planes_against_odrpack():
+    """With noise in all coordinates the plane is that of odrpack's explicit orthogonal fit of z = a x + b y + c."""
+    odrpack = pytest.importorskip("odrpack", reason="odrpack, a peer in the extra bench, is not installed")
+    x, y = square(400).T
+    points = np.column_stack([x, y, 0.7 * x - 0.4 * y + 2]) + 0.02 * np.random.default_rng(4).normal(size=(400, 3))
+    found = odrpack.odr_fit(
+        lambda places, beta: beta[0] * places[0] + beta[1] * places[1] + beta[2],
+        points[:, :2].T,
+        points[:, 2],
+        np.zeros(3),
+        sstol=1e-15,
+        partol=1e-13,
+        maxit=500,
+    )
+    a, b, c = found.beta
+    length = np.sqrt(a**2 + b**2 + 1)
+    ours = fit_form(points, "plane")
+    np.testing.assert_allclose(ours.values["normal"], np.array([-a, -b, 1]) / length, atol=1e-7)
+    theirs = np.sum((points @ [-a, -b, 1] - c) ** 2) / length**2
+    assert np.sum(ours.residuals**2) <= theirs * (1 + 1e-12)
 
-    found = peer(sphere, [0.1, -0.1, 0.2, 2.5])
-    ours = fit_form(points, "sphere")
-    assert ours.values["radius"] == pytest.approx(found.beta[3], rel=1e-5)
-    np.testing.assert_allclose(ours.values["centre"], found.beta[:3], atol=1e-4)
-    assert np.sum(ours.residuals**2) <= np.sum(sphere(points.T, found.beta) ** 2) * (1 + 1e-12)
+
+def test_feet_that_rest_take_no_more_steps(monkeypatch):
+    """The feet on a polynomial need about five of Newton's steps each, wherever the slowest of them is."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
+    heights = np.cos(2 * x) * np.sin(1.5 * y + 0.3) + 0.01 * np.random.default_rng(0).normal(size=x.shape)
+    fitted = fit_form(HeightMap(heights, 2 / 59, "mm"), Polynomial(8))
+    taken, step = [], PolynomialShape._newton
+
+    def counted(shape, points, feet):
+        taken.append(len(points))
+        return step(shape, points, feet)
+
+    monkeypatch.setattr(PolynomialShape, "_newton", counted)
+    points = np.column_stack([x.ravel() + 1, y.ravel() + 1, heights.ravel()])
+    assert np.abs(fitted.project(points).distances).max() < 0.1
+    assert sum(taken) < 8 * len(points)
 
 
 @pytest.mark.parametrize("form", ["plane", "sphere", "cylinder", "poly3"])

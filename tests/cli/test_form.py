@@ -86,6 +86,16 @@ def test_a_cloud_has_no_map(report, saddle):
     assert result["conformality"] is None
 
 
+def test_round_apertures(report, dome, tmp_path):
+    """A map with missing corners and a round cloud, by the default method: the waves are what is left."""
+    points = dome.samples().frame.xy_of(dome.samples().parameters)
+    np.save(tmp_path / "round.npy", np.column_stack([points, dome.samples().values]))
+    for name in ("dome.npz", "round.npy"):
+        result = report("form", name, "-o", "out.npz")
+        assert result["sq_texture"] == pytest.approx(0.01 / np.sqrt(2), rel=0.08)
+        assert result["max_error"] < 0.03
+
+
 def test_operations_in_order(report, dome):
     """S-filter, levelling, form and L-filter are listed in this order, with their numbers."""
     words = ("--s-filter", "0.4um", "--level", "sphere", "--l-filter", "3um", "--method", "height")

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tsplinejax import PointCloud
+
 
 def saddle(u, v):
     """The paper's saddle, 1.5 (x² - y²)."""
@@ -67,3 +69,40 @@ def with_holes(u, v):
     for s, t, radius in ((0.3, 0.3, 0.1), (0.7, 0.6, 0.15), (0.25, 0.75, 0.06)):
         keep &= np.hypot(u - s, v - t) > radius
     return u[keep], v[keep]
+
+
+def with_faults(points, noise, seed):
+    """Noise in all directions, and one point in a hundred up to 20 times that off."""
+    generator = np.random.default_rng(seed)
+    faulty = points + noise * generator.normal(size=points.shape)
+    outlying = generator.random(len(points)) < 0.01
+    faulty[outlying] += 40 * noise * (generator.random((outlying.sum(), 3)) - 0.5)
+    return faulty
+
+
+def mercator(columns=161, rows=121):
+    """A patch of a sphere between latitudes: (longitude, ln tan(π/4 + latitude/2)) is conformal.
+
+    Points, triangles, known parameters, and the known side ratio.
+    """
+    u, v = grid(columns, rows)
+    longitude, latitude = 2.0 * u, 0.2 + 0.9 * v
+    points = np.column_stack(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+    )
+    height = np.log(np.tan(np.pi / 4 + latitude / 2))
+    known = np.column_stack([u, (height - height[0]) / (height[-1] - height[0])])
+    return points, grid_triangles(columns, rows), known, (height[-1] - height[0]) / 2.0
+
+
+def facing_patch(blade):
+    """What of a blade's mesh looks towards +y between z = 120 and 140: its largest piece."""
+    from tsplinejax.parameterisation._triangles import pieces
+
+    a, b, c = np.moveaxis(blade.points[blade.triangles].astype(float), 1, 0)
+    normal, height = np.cross(b - a, c - a), (a + b + c)[:, 2] / 3
+    chosen = (normal[:, 1] > 0.5 * np.linalg.norm(normal, axis=1)) & (height > 120) & (height < 140)
+    triangles = blade.triangles[chosen]
+    triangles = triangles[pieces(triangles) == 0]
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return PointCloud(blade.points[used], blade.unit, triangles=renumbered.reshape(-1, 3))

@@ -9,7 +9,17 @@ import tsplinejax as tsj
 from tsplinejax import HeightMap, PointCloud
 from tsplinejax.parameterisation import conformal
 
-from .surfaces import SURFACES, grid, grid_triangles, scattered, turned, with_holes
+from .surfaces import (
+    SURFACES,
+    facing_patch,
+    grid,
+    grid_triangles,
+    mercator,
+    scattered,
+    turned,
+    with_faults,
+    with_holes,
+)
 
 
 def _renamed(parameters):
@@ -24,7 +34,7 @@ def _difference(one, other):
 
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("cloud", ["grid", "scattered"])
-@pytest.mark.parametrize("count", [2500, 8000])
+@pytest.mark.parametrize("count", [1000, 8000])
 def test_clean_clouds(name, cloud, count):
     """In any pose E_u·E_v is within 0.5 % of 1 and the median dilatation at most 1.02."""
     u, v = grid(round(count**0.5), round(count**0.5)) if cloud == "grid" else scattered(count, 1)
@@ -32,6 +42,8 @@ def test_clean_clouds(name, cloud, count):
     result = conformal(points, outward=outward)
     assert abs(result.certificate - 1) < 0.005
     assert result.dilatation.median < 1.02
+    if count < 2000 and name == "strip":  # so few points show other corners: see the page on parameters
+        return
     found = np.stack([u, v], axis=1)[result.corners]
     assert {tuple(corner) for corner in found.round(0).astype(int)} == {(0, 0), (1, 0), (1, 1), (0, 1)}
     assert np.abs(found - found.round(0)).max() < 0.08
@@ -41,29 +53,13 @@ def test_clean_clouds(name, cloud, count):
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_holes_and_noise(name, noise):
     """With three holes and noise of 0.3 spacings, one point in a hundred up to 20 times that, 1.07 holds."""
-    generator = np.random.default_rng(2)
     points = SURFACES[name](*with_holes(*scattered(8000, 2)))
-    sigma = noise * (4 / 8000) ** 0.5
-    damaged = points + sigma * generator.normal(size=points.shape)
-    outlying = generator.random(len(points)) < 0.01
-    damaged[outlying] += 40 * sigma * (generator.random((outlying.sum(), 3)) - 0.5)
+    damaged = with_faults(points, noise * (4 / 8000) ** 0.5, 2)
     result, clean = conformal(damaged), conformal(points)
     assert result.dilatation.median < 1.07
     assert abs(result.certificate - 1) < 0.005
     # Without smoothing this noise adds 20 % to the area. What is left is the outline, which lies further out by noise.
     assert np.prod(result.sides) == pytest.approx(np.prod(clean.sides), rel=0.06)
-
-
-def _mercator(columns=161, rows=121):
-    """A patch of a sphere between latitudes: (longitude, ln tan(π/4 + latitude/2)) is conformal."""
-    u, v = grid(columns, rows)
-    longitude, latitude = 2.0 * u, 0.2 + 0.9 * v
-    points = np.column_stack(
-        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
-    )
-    height = np.log(np.tan(np.pi / 4 + latitude / 2))
-    known = np.column_stack([u, (height - height[0]) / (height[-1] - height[0])])
-    return points, grid_triangles(columns, rows), known, (height[-1] - height[0]) / 2.0
 
 
 def _sector(columns=161, rows=121):
@@ -83,7 +79,7 @@ def _catenoid(columns=161, rows=121):
     return points, grid_triangles(columns, rows), np.column_stack([u, v]), 2.0 / 2.4
 
 
-@pytest.mark.parametrize("surface", [_mercator, _sector, _catenoid])
+@pytest.mark.parametrize("surface", [mercator, _sector, _catenoid])
 @pytest.mark.parametrize("bare", [False, True])
 def test_known_maps(surface, bare):
     """Meshes, and clouds of their vertices, give the known conformal map and side ratio to 1e-3."""
@@ -102,7 +98,7 @@ def test_convergence_to_the_known_map():
     """Halving the spacing divides the error of a mesh by three at least."""
     errors = []
     for scale in (1, 2):
-        points, triangles, known, _ = _mercator(40 * scale + 1, 30 * scale + 1)
+        points, triangles, known, _ = mercator(40 * scale + 1, 30 * scale + 1)
         corner = [0, 40 * scale, len(points) - 1, len(points) - 40 * scale - 1]
         errors.append(
             np.abs(conformal(PointCloud(points, triangles=triangles), corners=corner).parameters - known).max()
@@ -153,16 +149,60 @@ def test_right_handed():
 
 
 def test_winding_says_the_outward_side():
-    """A mesh's triangles count, not `outward`; single triangles turned round do not matter."""
+    """Of a mesh its triangles say it, single ones turned round do not matter; `outward` is heard before them."""
     u, v = grid(21, 15)
     points, triangles = SURFACES["dome"](u, v), grid_triangles(21, 15)
-    up = conformal(PointCloud(points, triangles=triangles), outward=(0, 0, -1)).parameters
+    up = conformal(PointCloud(points, triangles=triangles)).parameters
     assert np.abs(up - np.stack([u, v], axis=1)).max() < 0.1
     down = conformal(PointCloud(points, triangles=triangles[:, ::-1])).parameters
     np.testing.assert_allclose(down[:, 1], 1 - up[:, 1], atol=1e-9)
     mixed = triangles.copy()
     mixed[::7] = mixed[::7, ::-1]
     np.testing.assert_allclose(conformal(PointCloud(points, triangles=mixed)).parameters, up, atol=1e-9)
+    inwards = PointCloud(points, triangles=triangles[:, ::-1])
+    np.testing.assert_allclose(conformal(inwards, outward=(0, 0, 1)).parameters, up, atol=1e-9)
+
+
+def test_few_points_are_enough():
+    """1024 points of a steep saddle have the parameters that many more give, within a third of their spacing."""
+    few, many = 32, 125
+    coarse, fine = (
+        conformal(SURFACES["saddle"](*grid(count, count)), corners=np.array([0, 1, count + 1, count]) * (count - 1))
+        for count in (few, many)
+    )
+    among = fine.parameters.reshape(many, many, 2)[::4, ::4].reshape(-1, 2)
+    assert np.abs(coarse.parameters - among).max() < 1 / 3 / (few - 1)
+    assert coarse.dilatation.median < 1.02
+
+
+NEARLY_CLOSED = {
+    "sphere open by 50°": lambda u, v: _sphere(2 * np.pi * u, np.arccos(1 - (1 + np.cos(np.radians(25))) * v)),
+    "pipe of 340°": lambda u, v: np.column_stack([np.cos(5.93 * u), np.sin(5.93 * u), 3 * v]),
+    "deep bowl": lambda u, v: _bowl(2 * np.pi * u, v),
+}
+
+
+def _sphere(longitude, colatitude):
+    across = np.sin(colatitude)
+    return np.column_stack([across * np.cos(longitude), across * np.sin(longitude), -np.cos(colatitude)])
+
+
+def _bowl(angle, v):
+    """Half an ellipsoid, three times as deep as wide."""
+    level = np.pi / 2 * np.sqrt(v)
+    across = np.sin(level)
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), 3 * (1 - np.cos(level))])
+
+
+@pytest.mark.parametrize("name", NEARLY_CLOSED)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_nearly_closed_clouds(name, noise):
+    """What no view shows whole is opened at its rim, and mapped conformally."""
+    points = NEARLY_CLOSED[name](*scattered(4000, 3))
+    points = points + noise * np.random.default_rng(0).normal(size=points.shape)
+    result = conformal(points, outward=(0, 0, -1))
+    assert abs(result.certificate - 1) < 0.005
+    assert result.dilatation.median < 1.03
 
 
 def test_holes_of_a_mesh_are_closed():
@@ -245,20 +285,9 @@ def test_face_scan(shared_data, bare):
 
 
 def test_blade_patch(shared_data):
-    """A patch of a measured turbine blade, cut out by the side its triangles face."""
-    from tsplinejax.parameterisation._triangles import pieces
-
-    blade = tsj.read(shared_data / "turbineblade.ply")
-    assert blade.triangles is not None
-    a, b, c = np.moveaxis(blade.points[blade.triangles].astype(float), 1, 0)
-    normal = np.cross(b - a, c - a)
-    centre = (a + b + c) / 3
-    patch = (normal[:, 1] > 0.5 * np.linalg.norm(normal, axis=1)) & (centre[:, 2] > 120) & (centre[:, 2] < 140)
-    triangles = blade.triangles[patch]
-    triangles = triangles[pieces(triangles) == 0]
-    used = np.unique(triangles)
-    cloud = PointCloud(blade.points[used], triangles=np.searchsorted(used, triangles))
-    result = conformal(cloud)
-    assert len(used) > 1000
-    assert abs(result.certificate - 1) < 0.02
-    assert result.dilatation.median < 1.07
+    """A patch of a measured turbine blade, cut out by the side its triangles face: a ragged outline."""
+    patch = facing_patch(tsj.read(shared_data / "turbineblade.ply"))
+    result = conformal(patch)
+    assert len(patch) > 1000
+    assert abs(result.certificate - 1) < 0.005
+    assert result.dilatation.median < 1.02

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from .._errors import InputError
-from ..data import HeightMap, as_data, canonical_unit, parse_length
+from ..data import HeightMap, as_data, canonical_unit, checked_precision, parse_length
 from ._functional import functional_parameters
 from ._height import height_parameters
 from ._hybrid import Stencil, hybrid_parameters
@@ -196,20 +196,10 @@ def _falling(heights: np.ndarray, shares: np.ndarray | None) -> tuple[np.ndarray
 
 
 def _precision(stored: np.dtype, dtype: Any) -> np.dtype:
-    """In which precision to compute."""
+    """What is asked for; else double precision where it is to be had."""
     double = bool(jax.config.read("jax_enable_x64"))
-    try:
-        chosen = np.dtype(dtype if dtype is not None else np.float64 if double else stored)
-    except TypeError as error:
-        raise InputError(f"dtype is 'float32' or 'float64', but got {dtype!r}") from error
-    if chosen not in (np.dtype(np.float32), np.dtype(np.float64)):
-        raise InputError(f"dtype is 'float32' or 'float64', but got {chosen}")
-    if chosen == np.float64 and not double:
-        raise InputError(
-            "float64 data need JAX's 64-bit mode, which is off; run jax.config.update('jax_enable_x64', True) "
-            "before the first computation, or pass dtype='float32' to accept single precision"
-        )
-    return chosen
+    default = np.float64 if double else stored
+    return checked_precision(default if dtype is None else dtype, double=double)
 
 
 def _unit_of(name: str, unit: str | None) -> str | None:

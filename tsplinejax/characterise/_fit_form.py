@@ -111,7 +111,8 @@ def fit_form(
     - `robust`: weigh samples down that stand off (Huber, then Tukey: what is beyond six robust standard
       deviations does not pull).
     - `weights`: (m,), one a valid sample, not negative.
-    - `outward`: direction out of the material for clouds; by default +z, or the side of a mesh's winding.
+    - `outward`: direction out of the material; by default the side of a mesh's winding, else +z. State it for a mesh
+      whose triangles are wound inwards.
 
     **Returns:** a [`FittedForm`][tsplinejax.FittedForm].
 
@@ -251,9 +252,9 @@ def _least_squares(
     for _ in range(_STEPS):
         weighted = derivatives * weights[:, None]
         known = np.where(np.isfinite(left), left, 0.0)
-        size = np.sqrt(np.maximum(np.einsum("mk,mk->k", weighted, derivatives), 1e-300))
-        normal = (weighted / size).T @ (derivatives / size)
-        step = -np.linalg.lstsq(normal, (weighted / size).T @ known, rcond=1e-13)[0] / size
+        normal = weighted.T @ derivatives
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = -np.linalg.lstsq(normal / np.outer(size, size), weighted.T @ known / size, rcond=1e-13)[0] / size
         for halvings in range(30):
             trial = shape.moved(step * 0.5**halvings)
             left_then, derivatives_then = residuals(trial, points)

@@ -1,4 +1,4 @@
-"""The side that is outside the material: up for height maps, the winding's for meshes, towards `outward` for clouds."""
+"""The side that is outside the material: as stated, else the winding's for meshes, and up for all other data."""
 
 import numpy as np
 from jaxtyping import Float

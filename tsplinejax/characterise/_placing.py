@@ -68,10 +68,9 @@ def _computed(
         )
     triangles = data.triangles if isinstance(data, PointCloud) and kept.all() else None
     cloud = PointCloud(points[kept], data.unit, triangles=triangles)
-    side = np.array(_UP) if outward is None else outward
     if kind == "conformal":
-        return conformal(cloud, outward=tuple(side.tolist()))
-    direction, folded = viewing_direction(cloud.points, side)
+        return conformal(cloud, outward=outward, merge_duplicates=True)
+    direction, folded = viewing_direction(cloud.points, np.array(_UP) if outward is None else outward)
     flat = cloud.points - (cloud.points @ direction)[:, None] * direction
     found = planar(PointCloud(flat, data.unit), axes="plane", outward=tuple(direction.tolist()))
     return replace(found, warnings=(*found.warnings, _FOLDED)) if folded else found

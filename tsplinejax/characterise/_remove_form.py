@@ -55,7 +55,8 @@ def remove_form(
     - `tolerance`: refine until no sample is farther from the form than this, in the data's unit, or with one: `"5um"`.
     - `lattice`: (M, N) elements along s and t, kept as they are unless there is a tolerance.
     - `parameters`: `"planar"`, `"conformal"`, an (m, 2) array, or a `Parameterisation`.
-    - `outward`: direction out of the material for clouds; by default +z, or the side of a mesh's winding.
+    - `outward`: direction out of the material; by default the side of a mesh's winding, else +z. State it for a mesh
+      whose triangles are wound inwards.
     - `robust`: set spikes and dust aside, and let what is left far off pull less.
     - `smoothing`: weight λ of the bending energy, or `"auto"`.
     - `s_filter`, `l_filter`: cut-offs, in the data's unit, or with one; an S-filter needs a height map.

@@ -13,6 +13,7 @@ All lengths are in the scaled coordinates of a fit. Steps of a shape are small m
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 _FEET = 40  # Newton's steps for the feet on a polynomial; a few suffice near it
 _FIRST = np.array([1.0, 0.0, 0.0])
-_AT_REST = 1e-13  # in units of the data's size
+_AT_REST = 1e-10  # a step of a foot, in units of the data's size: the error after it is about its square
+_CHUNK = 1 << 16  # points at a time
 
 
 class Contact(NamedTuple):
@@ -134,50 +136,67 @@ class PolynomialShape(AbstractShape):
     exponents: tuple[tuple[int, int], ...]
     side: float = 1.0
 
+    @property
+    def order(self) -> int:
+        """The highest i + j."""
+        return max(i + j for i, j in self.exponents)
+
     def basis(self, x: np.ndarray, y: np.ndarray) -> Float[np.ndarray, "m k"]:
         """The products at places."""
-        order = max(i + j for i, j in self.exponents)
-        along, across = (np.polynomial.legendre.legvander(values, order) for values in (x, y))
-        return np.stack([along[:, i] * across[:, j] for i, j in self.exponents], axis=1)
+        along, across = (np.polynomial.legendre.legvander(values, self.order).T for values in (x, y))
+        return np.stack([along[i] * across[j] for i, j in self.exponents]).T
 
-    def heights(self, x: np.ndarray, y: np.ndarray, dx: int = 0, dy: int = 0) -> Float[np.ndarray, " m"]:
-        """Heights at places, or their partial derivatives."""
-        order = max(i + j for i, j in self.exponents)
-        table = np.zeros((order + 1, order + 1))
-        table[tuple(np.transpose(self.exponents))] = self.coefficients
-        for axis, times in ((0, dx), (1, dy)):
-            table = np.polynomial.legendre.legder(table, times, axis=axis)
-        return np.polynomial.legendre.legval2d(x, y, table)
+    def partials(self, places: Float[np.ndarray, "m 2"], orders: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
+        """Partial derivatives (m,) of the heights at places, of orders (in x, in y)."""
+        along, across = (np.polynomial.legendre.legvander(values, self.order).T for values in places.T)
+        whole = np.zeros((self.order + 1, self.order + 1))
+        whole[tuple(np.transpose(self.exponents))] = self.coefficients
+        for times in orders:
+            table = whole
+            for axis in range(2):
+                table = np.polynomial.legendre.legder(table, times[axis], axis=axis)
+            rows, columns = table.shape
+            yield np.einsum("jm,jm->m", table.T @ along[:rows], across[:columns])
 
-    def _feet(self, points: np.ndarray) -> np.ndarray:
-        """Feet by Newton's iteration in the plane, from the points below; damped to where the problem is convex."""
-        x, y = points[:, 0].copy(), points[:, 1].copy()
+    def _feet(self, points: np.ndarray) -> Float[np.ndarray, "m 2"]:
+        """Where the feet are in the plane, by Newton's iteration from the points below; those that rest drop out."""
+        feet = points[:, :2].copy()
+        moving = np.arange(len(points))
         for _ in range(_FEET):
-            zx, zy = self.heights(x, y, 1), self.heights(x, y, 0, 1)
-            off = self.heights(x, y) - points[:, 2]
-            gx, gy = x - points[:, 0] + off * zx, y - points[:, 1] + off * zy
-            hxx, hyy = 1 + zx**2 + off * self.heights(x, y, 2), 1 + zy**2 + off * self.heights(x, y, 0, 2)
-            hxy = zx * zy + off * self.heights(x, y, 1, 1)
-            convex = (hxx * hyy - hxy**2 > 0.1) & (hxx > 0.1)
-            hxx, hyy = np.where(convex, hxx, 1 + zx**2), np.where(convex, hyy, 1 + zy**2)
-            hxy = np.where(convex, hxy, zx * zy)
-            determinant = hxx * hyy - hxy**2
-            step_x, step_y = (hyy * gx - hxy * gy) / determinant, (hxx * gy - hxy * gx) / determinant
-            x, y = x - step_x, y - step_y
-            if max(np.abs(step_x).max(), np.abs(step_y).max()) <= _AT_REST:
+            step = self._newton(points[moving], feet[moving])
+            feet[moving] -= step
+            moving = moving[np.abs(step).max(axis=1) > _AT_REST]
+            if not len(moving):
                 break
-        return np.column_stack([x, y, self.heights(x, y)])
+        return feet
+
+    def _newton(self, points: np.ndarray, feet: np.ndarray) -> Float[np.ndarray, "m 2"]:
+        """Newton's step of the squared distance; Gauss-Newton's where that is not convex."""
+        z, zx, zy, zxx, zxy, zyy = self.partials(feet, ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+        off = z - points[:, 2]
+        gx, gy = (feet - points[:, :2]).T + off * np.stack([zx, zy])
+        hxx, hyy, hxy = 1 + zx**2 + off * zxx, 1 + zy**2 + off * zyy, zx * zy + off * zxy
+        convex = (hxx * hyy - hxy**2 > 0.1) & (hxx > 0.1)
+        hxx, hyy, hxy = np.where(convex, (hxx, hyy, hxy), (1 + zx**2, 1 + zy**2, zx * zy))
+        return np.stack([hyy * gx - hxy * gy, hxx * gy - hxy * gx], axis=1) / (hxx * hyy - hxy**2)[:, None]
 
     def contact(self, points: Float[np.ndarray, "m 3"]) -> Contact:
+        parts = [self._contact(points[first : first + _CHUNK]) for first in range(0, max(len(points), 1), _CHUNK)]
+        distances, normals, feet = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return Contact(distances, normals, self.basis(*feet.T) * -normals[:, 2:])
+
+    def _contact(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distances, normals and places of the feet of some points."""
         feet = self._feet(points)
-        x, y, _ = feet.T
-        direction = np.column_stack([-self.heights(x, y, 1), -self.heights(x, y, 0, 1), np.ones(len(feet))])
+        z, zx, zy = self.partials(feet, ((0, 0), (1, 0), (0, 1)))
+        direction = np.stack([-zx, -zy, np.ones_like(z)], axis=1)
         normals = self.side * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        distances = np.einsum("mi,mi->m", points - feet, normals)
-        return Contact(distances, normals, -self.basis(x, y) * normals[:, 2:])
+        off = np.column_stack([points[:, :2] - feet, points[:, 2] - z])
+        return np.einsum("mi,mi->m", off, normals), normals, feet
 
     def above(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-        return np.column_stack([points[:, :2], self.heights(points[:, 0], points[:, 1])])
+        (heights,) = self.partials(points[:, :2], ((0, 0),))
+        return np.column_stack([points[:, :2], heights])
 
     def moved(self, step: Float[np.ndarray, " k"]) -> "PolynomialShape":
         return replace(self, coefficients=self.coefficients + step)

@@ -60,7 +60,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     group.add_argument(
         "--parameters", choices=("planar", "conformal"), default="planar", help="of the samples (default planar)"
     )
-    group.add_argument("--outward", metavar="X,Y,Z", type=_direction, help="direction out of the material (clouds)")
+    group.add_argument(
+        "--outward",
+        metavar="X,Y,Z",
+        type=_direction,
+        help="direction out of the material (default: the side of a mesh's winding, else +z)",
+    )
     group.add_argument("--robust", action="store_true", help="set spikes and dust aside")
     group.add_argument("--model", metavar="FORM.tspl", help="write the form as a model")
     group.add_argument("--plot", metavar="FILE.png", help="draw form and texture")

@@ -11,6 +11,7 @@ from ._noise import (
 )
 from ._outliers import find_outliers as find_outliers
 from ._point_cloud import PointCloud as PointCloud
+from ._precision import checked_precision as checked_precision
 from ._samples import Samples as Samples
 from ._stored_map import (
     Statistics as Statistics,

@@ -1,9 +1,7 @@
 """The adaptive loop: mark, refine, transfer, accumulate, solve, measure.
 
 `begin` fits the start lattice, `advance` does one step, `terminate` says why to stop: a notebook can drive them by
-hand, and [`fit`][tsplinejax.fit] is the loop around them. Elements are marked against a threshold that falls in stages
-to the criterion's own: marking for the final tolerance at once refines many elements for errors that their neighbours
-cause.
+hand, and [`fit`][tsplinejax.fit] is the loop around them.
 """
 
 import time
@@ -14,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
-from ..mesh import MAX_LEVEL, Refinement, bisect
+from ..mesh import MAX_LEVEL, Refinement
 from ..space import pad, to_device
 from ..surface import beside_anchors
 from ._criteria import NoiseCriterion, explained_squares
@@ -26,6 +24,7 @@ from ._residuals import all_residuals
 from ._result import Step, StopReason
 from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
+from ._stages import SMALLEST, bisect_worst, mark_in_stages
 from ._stopwatch import Stopwatch
 from ._store import (
     Chosen,
@@ -45,8 +44,6 @@ from ._tally import Tally, empty_tally
 LONG_SOLVE = 400  # iterations of the solves at the start and the end
 # Where a step's solve and the last one may end: moves of the control points, in thresholds of the criterion.
 LOOSE, FINE = 0.1, 0.02
-SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
-TRIFLE = 0.005  # share of the elements for which a stage is not worth another step
 # Relative gradients: where a long solve stops for certain, and above which it needs help.
 TIGHT, ACCEPTABLE = 1e-13, 1e-5
 
@@ -222,29 +219,11 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
     return ((places > 1) | single) & (tmesh.levels < MAX_LEVEL)
 
 
-def mark(problem: Problem, state: State) -> tuple[Bool[np.ndarray, " elements"], float]:
-    """Elements to bisect and the stage they were marked against: the first that marks more than a trifle."""
-    can = splittable(problem, state)
-    worst = float(state.excess[can].max())
-    stage = max(1.0, worst * problem.stage_factor) if np.isinf(state.stage) else state.stage
-    while stage > 1 and np.count_nonzero(can & (state.excess > stage)) <= TRIFLE * len(can):
-        stage = max(1.0, stage * problem.stage_factor)
-    return can & (state.excess > stage), stage
-
-
 def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
     """Bisect what is marked, or the worst part that the control-point budget allows; `None` where it allows none."""
-    tmesh, limit = state.mesh.tmesh, problem.budget.max_control_points
-    marked, stage = mark(problem, state)
-    while marked.any():
-        refinement = bisect(tmesh, problem.refinement.complete(tmesh, marked))
-        if limit is None or refinement.mesh.n_anchors <= limit:
-            return refinement, stage
-        worst_first = np.argsort(np.where(marked, -state.excess, np.inf), kind="stable")
-        half = worst_first[: int(marked.sum()) // 2]
-        marked = np.zeros_like(marked)
-        marked[half] = True
-    return None, stage
+    marked, stage = mark_in_stages(state.excess, splittable(problem, state), state.stage, problem.stage_factor)
+    limit = problem.budget.max_control_points
+    return bisect_worst(state.mesh.tmesh, marked, state.excess, problem.refinement, limit), stage
 
 
 def _every(mesh: Discretisation) -> Chosen:

@@ -16,6 +16,7 @@ from ._options import Request
 from ._samples import AbstractSamples
 from ._solve import AbstractSolver, LocalSolver
 from ._source import AbstractSource, Scaling
+from ._stages import STAGE_FACTOR
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Problem:
     refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
     solver: AbstractSolver = field(default_factory=LocalSolver)
     budget: Budget = field(default_factory=Budget)
-    stage_factor: float = 0.25
+    stage_factor: float = STAGE_FACTOR
 
     @property
     def source(self) -> AbstractSource:

@@ -1,7 +1,6 @@
 """Refinement of an orthogonal fit: elements that hold points farther than the tolerance are bisected.
 
-Elements are marked against a threshold that falls in stages to the tolerance, as in the fit of height maps: marking for
-the last one at once refines many elements for errors that their neighbours cause.
+Stages and budget are those of the fit of height maps.
 """
 
 from dataclasses import dataclass
@@ -9,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..mesh import MAX_LEVEL, AnalysisSuitable, TMesh, bisect, require_forest
+from ..fitting import SMALLEST, bisect_worst, mark_in_stages
+from ..mesh import MAX_LEVEL, AnalysisSuitable, TMesh, require_forest
 from ._result import OrthogonalStop
 from ._round import Fitted
-
-STAGE_FACTOR = 0.25
-SMALLEST = 0.25  # area of an element that is still cut, in mean areas of a point
 
 
 @dataclass(frozen=True)
@@ -39,20 +36,9 @@ def refined(
     can = (areas * len(fitted.weights) > SMALLEST) & (tmesh.levels < MAX_LEVEL)
     if not (can & (excess > 1)).any():
         return None, stage, OrthogonalStop.FINEST
-    worst = float(excess[can].max())
-    stage = max(1.0, worst * STAGE_FACTOR) if np.isinf(stage) else stage
-    while stage > 1 and worst <= stage:
-        stage = max(1.0, stage * STAGE_FACTOR)
-    marked = can & (excess > stage)
-    while marked.any():
-        finer = bisect(tmesh, AnalysisSuitable().complete(tmesh, marked)).mesh
-        if finer.n_anchors <= budget.max_control_points:
-            return finer, stage, None
-        worst_first = np.argsort(np.where(marked, -excess, np.inf), kind="stable")
-        half = worst_first[: int(marked.sum()) // 2]
-        marked = np.zeros_like(marked)
-        marked[half] = True
-    return None, stage, OrthogonalStop.MAX_CONTROL_POINTS
+    marked, stage = mark_in_stages(excess, can, stage)
+    found = bisect_worst(tmesh, marked, excess, AnalysisSuitable(), budget.max_control_points)
+    return (None, stage, OrthogonalStop.MAX_CONTROL_POINTS) if found is None else (found.mesh, stage, None)
 
 
 def _excess(fitted: Fitted, tmesh: TMesh) -> Float[np.ndarray, " elements"]:

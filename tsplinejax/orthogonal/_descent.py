@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from .._errors import InputError
 from ._problem import FootProblem, Unknowns, residuals
-from ._solve import solve, trace_of_damping
+from ._solve import falling_trace, solve
 from ._system import NormalSystem, assemble, bend_of_path, follow, settle
 
 MOST_STEPS = 256  # that a history holds
@@ -28,6 +28,11 @@ class Trace(eqx.Module):
     objective: Float[Array, " steps"]
     gradient: Float[Array, " steps"]
     count: Int[Array, ""]
+
+    @property
+    def last(self) -> Array:
+        """The objective at the last iterate noted."""
+        return self.objective[jnp.clip(self.count, 1, MOST_STEPS) - 1]
 
     def noted(self, objective: Array, gradient: Array) -> "Trace":
         """One iterate more."""
@@ -75,7 +80,7 @@ class Elimination(eqx.Module):
         import optimistix
 
         problem = self.problem
-        damping = trace_of_damping(np.dtype(problem.points.dtype))
+        damping = falling_trace(np.dtype(problem.points.dtype), 2 * state.trace.last / jnp.sum(problem.weights))
         if self.damped:
             damping = damping + 1 / jnp.maximum(step_size, jnp.finfo(problem.points.dtype).eps)
         hold = problem.hold + damping * _mass(problem)

@@ -1,6 +1,7 @@
 """Effective degrees of freedom: the trace of what takes the points' normal distances to the fitted surface's."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -13,7 +14,7 @@ from ._prepare import pose
 from ._problem import FootProblem, Unknowns
 from ._round import Fitted, beginning
 from ._solve import MOST_DENSE, solve, trace_of_damping
-from ._system import assemble, dense, multiply
+from ._system import NormalSystem, assemble, dense, multiply
 
 PROBES = 12
 
@@ -28,24 +29,42 @@ def degrees_of_freedom(fitted: Fitted, method: AbstractMethod, smoothing: float)
     return float(_trace(problem, beginning(problem, parameters)))
 
 
+_assembled = eqx.filter_jit(assemble)
+
+
 def _trace(problem: FootProblem, unknowns: Unknowns) -> Array:
     """The trace for a free method."""
     bare = eqx.tree_at(lambda one: one.smoothing, problem, jnp.zeros_like(problem.smoothing))
-    summed = eqx.filter_jit(assemble)
-    data, whole = summed(bare, unknowns), summed(problem, unknowns)
-    n, r = problem.hold.shape
-    damping = trace_of_damping(np.dtype(problem.points.dtype)) * jnp.maximum(problem.mass, 1e-6 * problem.mass.mean())
-    hold = problem.hold + damping[:, None]
-    if n * r <= MOST_DENSE:
-        columns = dense(data, jnp.zeros_like(hold)).reshape(n, r, n * r)
-        return jnp.trace(solve(whole, hold, columns).reshape(n * r, n * r))
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(PROBES, n, r))
-    probes = to_device(signs, np.dtype(hold.dtype))
-    return jnp.mean(
-        jnp.stack(
-            [jnp.vdot(probe, solve(whole, hold, multiply(data, jnp.zeros_like(hold), probe))) for probe in probes]
-        )
-    )
+    data, whole = _assembled(bare, unknowns), _assembled(problem, unknowns)
+    if problem.hold.size <= MOST_DENSE:
+        return _exact(data, whole, problem)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(PROBES, *problem.hold.shape))
+    return _estimated(data, whole, problem, to_device(signs, np.dtype(problem.hold.dtype)))
+
+
+@eqx.filter_jit
+def _exact(data: NormalSystem, whole: NormalSystem, problem: FootProblem) -> Array:
+    """The trace by a factorisation."""
+    (n, r), held = problem.hold.shape, _held(problem)
+    columns = dense(data, jnp.zeros_like(held)).reshape(n, r, n * r)
+    return jnp.trace(solve(whole, held, columns).reshape(n * r, n * r))
+
+
+@eqx.filter_jit
+def _estimated(data: NormalSystem, whole: NormalSystem, problem: FootProblem, probes: Array) -> Array:
+    """The mean of quadratic forms of random signs."""
+    held = _held(problem)
+
+    def form(probe: Array) -> Array:
+        return jnp.vdot(probe, solve(whole, held, multiply(data, jnp.zeros_like(held), probe)))
+
+    return jnp.mean(jax.lax.map(form, probes))
+
+
+def _held(problem: FootProblem) -> Array:
+    """What holds control points, and a trace of damping where nothing does."""
+    mass = jnp.maximum(problem.mass, 1e-6 * problem.mass.mean())
+    return problem.hold + trace_of_damping(np.dtype(problem.points.dtype)) * mass[:, None]
 
 
 def _of_parametric(fitted: Fitted, smoothing: float) -> float:

@@ -146,7 +146,9 @@ def parametric(
     space: SplineSpace, request: Request, parameters: np.ndarray, weights: np.ndarray, smoothing: float
 ) -> TSpline:
     """The linear fit over fixed parameters, in the fit's own scale."""
-    points = lstsq(space, parameters, request.scaled, weights, smoothing=smoothing, extent=request.frame.extent)
+    length = padded_length(len(parameters))
+    padded = (pad(part, length, 0) for part in (parameters, request.scaled, weights))
+    points = lstsq(space, *padded, smoothing=smoothing, extent=request.frame.extent)
     return make_surface(space, points)
 
 

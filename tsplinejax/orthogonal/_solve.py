@@ -1,7 +1,9 @@
 """Solving the reduced normal equations: a dense Cholesky factor where they are small, else conjugate gradients.
 
-Without held slip the matrix is singular: control points may slide along the surface. A trace of damping then makes the
-step the shortest one, up to the trace.
+Without held slip the matrix is all but singular: control points may slide along the surface. A trace of damping then
+makes the step the shortest one, up to the trace. The trace falls with the mean squared distance: one that stays makes
+the last steps linear, one that vanishes so leaves them quadratic (Yamashita & Fukushima, "On the rate of convergence of
+the Levenberg-Marquardt method", Computing Suppl. 15, 2001).
 """
 
 import jax
@@ -18,6 +20,12 @@ ITERATIONS = 500
 def trace_of_damping(dtype: np.dtype) -> float:
     """Damping relative to the mass that a control point sees, above the rounding of the sums."""
     return 1e-10 if dtype == np.float64 else 1e-5
+
+
+def falling_trace(dtype: np.dtype, mean_square: Float[Array, ""]) -> Float[Array, ""]:
+    """The same for a mean squared distance in the fit's own scale: no more than that, and above rounding."""
+    most = trace_of_damping(dtype)
+    return jnp.clip(mean_square, most / 1000 if dtype == np.float64 else most, most)
 
 
 def solve(

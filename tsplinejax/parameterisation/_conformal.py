@@ -26,7 +26,7 @@ def conformal(
     *,
     corners: ArrayLike | None = None,
     boundary: ArrayLike | None = None,
-    outward: ArrayLike = (0.0, 0.0, 1.0),
+    outward: ArrayLike | None = None,
     neighbours: int = 30,
     max_points: int = 200_000,
     merge_duplicates: bool = False,
@@ -44,7 +44,7 @@ def conformal(
       seen from outside, the second and the fourth change places. Default: as `find_corners`.
     - `boundary`: the points of the outer boundary in order; of a mesh, one of its loops. Default: as `find_boundary`,
       or the longest loop of the mesh.
-    - `outward`: direction (x, y, z) out of the material. A mesh says so itself, by its triangles' winding.
+    - `outward`: direction (x, y, z) out of the material. By default the side of a mesh's winding, +z for a cloud.
     - `neighbours`: how many nearest points show a point's surroundings, in a bare cloud.
     - `max_points`: above it, so many are solved for, the others interpolated (and triangles are not used).
     - `merge_duplicates`: let points that are exactly equal share their parameters, instead of raising.
@@ -63,7 +63,7 @@ def conformal(
     >>> result.parameters.shape, round(result.side_ratio, 1), abs(result.certificate - 1) < 0.005
     ((231, 2), 0.5, True)
     """
-    cloud, towards = cloud_of(data), direction(outward)
+    cloud, towards = cloud_of(data), None if outward is None else direction(outward)
     if neighbours < 6 or max_points < 100:
         raise InputError(f"neighbours ≥ 6 and max_points ≥ 100 are needed, but got {neighbours} and {max_points}")
     given = cloud.points.astype(np.float64)

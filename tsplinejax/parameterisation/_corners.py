@@ -50,7 +50,7 @@ def find_corners(
     points = cloud_of(data).points.astype(np.float64)
     loop = checked_loop(boundary, points)
     first, inverse = duplicates(points)
-    flat = flattened(points[first], neighbours, direction(outward))
+    flat = flattened(points[first], neighbours, direction(outward), inverse[loop])
     places = np.full((len(first), 2), np.nan)
     places[flat.kept] = flat.places
     if not np.isfinite(places[inverse[loop]]).all():

@@ -35,14 +35,17 @@ def graded(
     for level in range(_LEVELS):
         apart = np.linalg.norm(points[:, None] - middles, axis=2)
         near = (apart < radii / 2**level).any(axis=1)
-        points, triangles, loop = _halved(points, triangles, loop, near)
+        points, triangles, loop, _ = halved(points, triangles, loop, near)
     return points, triangles, loop
 
 
-def _halved(
+def halved(
     points: Float[np.ndarray, "n 3"], triangles: Triangles, loop: Loop, near: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n_more 3"], Triangles, Loop]:
-    """Halve every edge between two vertices that are near; triangles fall into two, three or four."""
+) -> tuple[Float[np.ndarray, "n_more 3"], Triangles, Loop, Int[np.ndarray, "e 2"]]:
+    """Halve every edge between two vertices that are near; triangles fall into two, three or four.
+
+    New vertices, at the middles of edges, come after the old ones; the edges' ends are returned, too.
+    """
     count = len(points)
     ends = np.sort(half_edges(triangles), axis=1)
     halved = near[ends].all(axis=1)
@@ -58,6 +61,7 @@ def _halved(
         np.concatenate([points, points[corner_pairs].mean(axis=1)]),
         _parts(triangles, middle.reshape(-1, 3)),
         ring[ring >= 0],
+        corner_pairs,
     )
 
 

@@ -2,8 +2,8 @@
 
 The view from outside or the least-squares plane serves where the points project onto it without folds; else classical
 scaling of geodesic distances from a few landmarks (de Silva & Tenenbaum, "Sparse multidimensional scaling using
-landmark points", 2004), which unrolls what is bent. A layout is judged by its tears: places whose neighbours there are
-far off in space.
+landmark points", 2004), which unrolls what is bent; else the rim goes to a circle, which opens what is nearly closed. A
+layout is judged by its tears: places whose neighbours there are far off in space.
 """
 
 from typing import NamedTuple
@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue] -- compiled, without annotations
 
 from .._errors import InputError
+from ._rim import laid_by_rim
+from ._triangles import Loop
 
 _LANDMARKS = 32
 _NEAREST = 6
@@ -54,8 +56,10 @@ class Layout(NamedTuple):
     reach: Float[np.ndarray, " k"]
 
 
-def flattened(points: Float[np.ndarray, "m 3"], neighbours: int, outward: Float[np.ndarray, "3"]) -> Layout:
-    """Lay the largest connected piece of a cloud out flat.
+def flattened(
+    points: Float[np.ndarray, "m 3"], neighbours: int, outward: Float[np.ndarray, "3"], boundary: Loop | None = None
+) -> Layout:
+    """Lay the largest connected piece of a cloud out flat; `boundary` are its points in order, where they are known.
 
     **Raises:** `InputError` where other pieces hold more than 2 % of the points, and where neighbours tear apart.
     """
@@ -67,7 +71,13 @@ def flattened(points: Float[np.ndarray, "m 3"], neighbours: int, outward: Float[
     if count > 1:
         near = Neighbourhood(near.graph[kept][:, kept], near.reach[kept])
     places = lay_out(points[kept], near, outward)
-    refuse_torn(points[kept], places, near.reach)
+    if torn_share(points[kept], places, near.reach) >= _TORN:
+        number = np.full(len(points), -1)
+        number[kept] = np.arange(len(kept))
+        rim = None if boundary is None or (number[boundary] < 0).any() else number[boundary]
+        by_rim = laid_by_rim(points[kept], near.graph, rim)
+        places = places if by_rim is None else by_rim
+        refuse_torn(points[kept], places, near.reach)
     return Layout(kept, places, near.reach)
 
 
@@ -115,7 +125,8 @@ def refuse_torn(
     if torn >= _TORN:
         raise InputError(
             f"a surface like a bent sheet is needed, but {torn:.0%} of the points tear off their neighbours when laid "
-            "flat: the cloud is closed, branched, or nearly so; cut out a patch, or give triangles or boundary="
+            "flat: the cloud is closed, or branched; cut out a patch with one edge, or give triangles, as in "
+            "PointCloud(points, triangles=...)"
         )
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
+from ..data import checked_precision
 from ..mesh import Border, Direction, TMesh, forest_from_boxes, from_rectangles
 from ._bernstein import blossom_pieces
 from ._extraction import BezierElements, bezier_elements
@@ -166,22 +167,10 @@ def spline_space(
 
 
 def resolve_dtype(dtype: DTypeLike | None) -> np.dtype:
-    """float32 or float64; float64 only where JAX's x64 mode is on."""
-    x64 = jax.config.read("jax_enable_x64")
-    if dtype is None:
-        return np.dtype(np.float64 if x64 else np.float32)
-    try:
-        resolved = np.dtype(dtype)
-    except TypeError as error:
-        raise InputError(f"spline spaces are float32 or float64; received {dtype!r}; pass dtype='float64'") from error
-    if resolved not in (np.dtype(np.float32), np.dtype(np.float64)):
-        raise InputError(f"spline spaces are float32 or float64; received {resolved}; pass dtype='float64'")
-    if resolved == np.float64 and not x64:
-        raise InputError(
-            "float64 data need JAX's 64-bit mode, which is off; run jax.config.update('jax_enable_x64', True) "
-            "before the first computation, or pass dtype='float32' to accept single precision"
-        )
-    return resolved
+    """float32 or float64; float64 only where JAX's x64 mode is on, and then by default."""
+    double = bool(jax.config.read("jax_enable_x64"))
+    default = np.float64 if double else np.float32
+    return checked_precision(default if dtype is None else dtype, double=double)
 
 
 def to_device(array: ArrayLike, dtype: DTypeLike | None = None) -> Array:

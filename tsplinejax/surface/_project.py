@@ -29,6 +29,7 @@ from ._tspline import TSpline
 from ._two import held, invert_two, multiply_two
 
 CHUNK = 1 << 15
+LEAST = 1 << 12  # rows of a padded chunk: few lengths, few compilations
 FIRST_STEPS = 6  # enough for nearly all points of a chunk
 SAMPLES, LEAST_A_SIDE = 4000, 3  # of the surface, where the search begins: in all at least, and along an element's side
 TRACED_SIDE = 64
@@ -208,7 +209,7 @@ def _of_chunks(
     for first in range(0, max(len(points), 1), CHUNK):
         rows = slice(first, first + CHUNK)
         m = len(points[rows])
-        length = min(CHUNK, capacity_for(m))
+        length = min(CHUNK, capacity_for(m, LEAST))
         # Padding repeats the first row, which settles with the others.
         chunk, begin = (pad(array[rows], length, array[first] if m else 0) for array in (points, parameters))
         parts.append([np.asarray(part)[:m] for part in kernel(chunk, begin)])
