@@ -3,7 +3,7 @@
 A page with a line `<!-- table: RESULT -->` gets that result's rows between it and the next `<!-- end of table -->`.
 Every `bench/bench_NAME.py` becomes a section of the page: what it asks, in the words of its docstring, and the rows,
 versions and machine of each result that it left in bench/results; "not run" where it left none. The README has a few
-headlines of them. Pictures are drawn from the same results.
+headlines of them, docs/figures.md a row for each figure of the paper. Pictures are drawn from the same results.
 """
 
 import ast
@@ -12,9 +12,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+from paper_figures import figures
+
 ROOT = Path(__file__).resolve().parents[1]
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "benchmarks.md"
 BENCH, RESULTS, IMAGES = ROOT / "bench", ROOT / "bench" / "results", ROOT / "docs" / "images"
+FIGURES_OPENING, FIGURES_CLOSING = "<!-- figures: written by docs/make_tables.py -->", "<!-- end of figures -->"
 OPENING, CLOSING = "<!-- compared: written by docs/make_tables.py -->", "<!-- end of compared -->"
 
 INTRODUCTION = """# Benchmarks
@@ -54,6 +57,9 @@ def _with_tables(text: str) -> str:
             return match[0]
         return f"{match[1]}\n{_table(json.loads(path.read_text(encoding='utf-8'))['rows'])}{match[3]}"
 
+    before, opening, rest = text.partition(FIGURES_OPENING)
+    if opening:
+        text = f"{before}{opening}\n{_table(figures(_rows))}{FIGURES_CLOSING}{rest.partition(FIGURES_CLOSING)[2]}"
     return re.sub(r"(<!-- table: (\w+) -->)\n.*?(<!-- end of table -->)", filled, text, flags=re.DOTALL)
 
 

@@ -68,10 +68,75 @@ def _artefact(rows: Rows) -> str:
     return f"Sq {row['Sq']:.4f} mm, {row['Sq off %']:+.2f} % of the truth, correlation {row['correlation']:.3f}"
 
 
+def _steps(rows: Rows) -> str:
+    found = rows("filtration", filter="T-spline")
+    gaussian = rows("filtration", filter="Gaussian")
+    ratio = max(
+        row["width"] / wide["width"]
+        for row in found
+        for wide in gaussian
+        if (wide["step"], wide["tolerance"]) == (row["step"], row["tolerance"])
+    )
+    near, over = (max(row[name] for row in found) for name in ("near / far", "overshoot %"))
+    return (
+        f"edges at most {ratio:.2f} times as wide as the Gaussian's at equal noise, overshoot at most {over:.2f} %, "
+        f"residual Sq near the edge {near:.2f} times that far from it (all steps and tolerances)"
+    )
+
+
+def _bands(rows: Rows) -> str:
+    row = rows("multiresolution", surface="Peaks", meshes="adaptive")[0]
+    return (
+        f"{row['bands']} nested bands that add up to {row['sum off / range']:.0e} of the range; "
+        f"|Sq² - Σ Sq²| {row['leak']:.0e} of Sq²"
+    )
+
+
+def _holes(rows: Rows) -> str:
+    row = rows("filling_pillars", holes="edges")[0]
+    names = ("biharmonic", "linear", "thin plate, 50 neighbours", "multilevel B-splines")
+    peers = ", ".join(f"{name} {row[name]:.3f}" for name in names)
+    return (
+        f"rms in the holes {row['ours']:.3f} of the range ({peers}), {row['missing %']:.0f} % missing, overshoot "
+        f"{row['overshoot %']:.0f} %"
+    )
+
+
+def _face(rows: Rows) -> str:
+    ratios = [row["adaptive / random"] for row in rows("sampling_face")]
+    return f"a face from 1 000 of its points: {min(ratios):.2f} to {max(ratios):.2f} of the error of 1 000 random ones"
+
+
+def _samples(rows: Rows) -> str:
+    ratios = {row["samples / control point"]: [] for row in rows("sampling", truth="surface")}
+    for row in rows("sampling", truth="surface"):
+        ratios[row["samples / control point"]].append(row["ours / usual"])
+    told = ", ".join(f"{max(found):.2f} at {size:g}" for size, found in ratios.items())
+    exact = max(row["largest error / range"] for row in rows("sampling_exact"))
+    return (
+        f"error over that of the best usual sampling (largest of the surfaces): {told} samples a control point; a model is "
+        f"recovered to {exact:.0e} of the range from as many samples as control points"
+    )
+
+
+def _bytes(rows: Rows) -> str:
+    parts = []
+    for name in ("T1", "T2"):
+        row = next(row for row in rows("compression", map=name) if row["bound %"] == 1)
+        parts.append(f"{name} to 1 %: {row['bytes']:,} bytes (24 a control point: {24 * row['control points']:,})")
+    return "; ".join(parts) + "; float64 heights 2,097,152"
+
+
 _FIGURES: Sequence[tuple[str, str, str, Callable[[Rows], str], str]] = (
     ("1 (a)", "one NURBS fitted in two ways", "remarkable error of the ordinary fit", _one_model, "[form](form.md)"),
+    ("1 (c)", "smart samples of a face", "dense at eyes, nostrils and lips", _face, "[sampling](sampling.md)"),
     ("3", "control points of the disk", "4 900 against 14 400 (0.34)", _disk, "[benchmarks](benchmarks.md#nurbs)"),
     ("5", "time of a fit", "local in 1/2 to 1/4 of global", _fig5, "[benchmarks](benchmarks.md#fig5)"),
     ("6 (a-c)", "form of a saddle", "Sq 0.062 ordinary, 0.032 parametric", _saddle, "[form](form.md)"),
     ("6 (d, e)", "form of a milled artefact", "Sq 0.139 mm", _artefact, "[form](form.md)"),
+    ("7", "a step filtered by tolerance", "edges kept, residual even", _steps, "[filtration](filtration.md)"),
+    ("8", "Peaks band by band", "nested approximately", _bands, "[multi-resolution](multiresolution.md)"),
+    ("9", "a fifth missing", "like multilevel B-splines; slight ripples", _holes, "[missing data](filling.md)"),
+    ("10", "error over sample size", "up to half an order of magnitude", _samples, "[sampling](sampling.md)"),
+    ("11", "compression", "24 bytes a control point", _bytes, "[compression](compression.md)"),
 )
