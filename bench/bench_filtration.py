@@ -3,9 +3,9 @@
 Steps of height 1 with white noise, at 0°, 17°, 45° and circular (the paper's Fig. 7), are filtered by tolerances of 1/2
 to 1/64 of the step. Peers (Gaussian ISO 16610-61, spline ISO 16610-62, scikit-image's bilateral and total variation
 filters) are tuned until they leave the same noise on the flats, the bilateral filter by its length, with a height width
-of eight standard deviations of the noise. Width of the edge from 10 to 90 %, in pixels (0.8 is the least that an edge between two rows of pixels
-has); overshoot of the mean profile; residual Sq within 20 pixels of the edge over that elsewhere. A second table has
-the transmission of the linear filter beside its definition.
+of eight standard deviations of the noise. Width of the edge from 10 to 90 %, in pixels (0.8 is the least that an edge
+between two rows of pixels has); overshoot of the mean profile; residual Sq within 20 pixels of the edge over that
+elsewhere. A second table has the transmission of the linear filter beside its definition.
 """
 
 import sys
