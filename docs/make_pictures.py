@@ -111,7 +111,7 @@ def sampling() -> Figure:
 
 def filling() -> Figure:
     """Pillars of which a fifth is missing, and how they are filled."""
-    pillars = structured_with_missing((160, 160), noise=0.01)
+    pillars = structured_with_missing((112, 112), noise=0.002)
     return plot_filling(pillars, tsj.fill_missing(pillars, border=True))
 
 

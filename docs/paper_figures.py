@@ -114,8 +114,8 @@ def _samples(rows: Rows) -> str:
     told = ", ".join(f"{max(found):.2f} at {size:g}" for size, found in ratios.items())
     exact = max(row["largest error / range"] for row in rows("sampling_exact"))
     return (
-        f"error over that of the best usual sampling (largest of the surfaces): {told} samples a control point; a model "
-        f"is recovered to {exact:.0e} of the range from as many samples as control points"
+        f"error over that of the best usual sampling (largest of the surfaces): {told} samples a control point; a "
+        f"model is recovered to {exact:.0e} of the range from as many samples as control points"
     )
 
 
