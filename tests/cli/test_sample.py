@@ -1,5 +1,8 @@
 """`tsplinejax sample` and `reconstruct`: arrays, reports, the way back to a map, misuse."""
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -64,7 +67,9 @@ def test_a_model_is_sampled_and_comes_back_exactly(report, model):
     """Sampling a model needs nothing else; the reconstruction is the model."""
     result = report("sample", "model.tspl", "-o", "samples.npz")
     assert result["rms_error"] < 1e-9 * result["range"]
-    report("reconstruct", "samples.npz", "--model", "model.tspl", "-o", "back.tspl")
+    told = report("reconstruct", "samples.npz", "--model", "model.tspl", "-o", "back.tspl")["provenance"]["input"]
+    digests = [hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in ("samples.npz", "model.tspl")]
+    assert [told["sha256"], told["model"]["sha256"]] == digests
     np.testing.assert_allclose(tsj.load("back.tspl").control_points, model.control_points, atol=1e-9)
     report("reconstruct", "samples.npz", "--model", "model.tspl", "-o", "back.npy", "--shape", "20x30")
     assert np.load("back.npy").shape == (20, 30)

@@ -15,10 +15,9 @@ from ..codec import load, save
 from ..data import HeightMap
 from ..fitting import FitResult, fit
 from ..io import write
-from ..io._files import sha256_of
 from ..plot import plot_overview
 from ._arguments import add_command
-from ._files import checked_picture, write_picture
+from ._files import checked_picture, named, write_picture
 from ._outcome import Outcome, described, quantity
 from ._places import at_places
 
@@ -144,7 +143,7 @@ def _motorcycle() -> HeightMap:
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    return {"name": path.name, "sha256": sha256_of(path), "operations": []}
+    return {**named(path), "operations": []}
 
 
 EXAMPLES = (

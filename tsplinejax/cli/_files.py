@@ -10,7 +10,7 @@ from .._errors import InputError, require
 from ..codec import MODEL_SUFFIX
 from ..data import HeightMap, PointCloud
 from ..io import read
-from ..io._files import existing_file, written_whole
+from ..io._files import existing_file, sha256_of, written_whole
 from ._arguments import data_options
 
 if TYPE_CHECKING:
@@ -78,3 +78,8 @@ def write_picture(target: Path, draw: Callable[[], "Figure | Axes"]) -> None:
     with same_names, written_whole(target) as stream:
         figure.savefig(stream, format=target.suffix.lower()[1:], metadata=metadata)
     require("matplotlib.pyplot", "plot").close(figure)
+
+
+def named(path: str | Path) -> dict[str, str]:
+    """What tells a file from others: its name and the hash of its bytes."""
+    return {"name": Path(path).name, "sha256": sha256_of(Path(path))}

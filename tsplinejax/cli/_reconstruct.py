@@ -17,7 +17,7 @@ from ..io._files import existing_file, reading
 from ..plot import plot_samples
 from ..surface import TSpline
 from ._arguments import add_command, counts, weight
-from ._files import checked_model, checked_output, checked_picture, write_picture
+from ._files import checked_model, checked_output, checked_picture, named, write_picture
 from ._outcome import Outcome, quantity, table
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _report(
         "warnings": list(result.warnings),
         "provenance": {
             "software": f"tsplinejax {__version__}",
-            "input": {"name": Path(arguments.samples).name, "model": Path(arguments.model).name},
+            "input": {**named(arguments.samples), "model": named(arguments.model)},
             "options": {"smoothing": arguments.smoothing},
         },
     }

@@ -15,7 +15,7 @@ from ..io._files import existing_file, written_whole
 from ..plot import plot_samples
 from ..surface import TSpline
 from ._arguments import add_command, add_data_options, data_options, share
-from ._files import checked_model, checked_output, checked_picture, is_model, read_data, write_picture
+from ._files import checked_model, checked_output, checked_picture, is_model, named, read_data, write_picture
 from ._outcome import Outcome, described, quantity, table
 from ._places import in_unit_of
 
@@ -94,7 +94,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if picture is not None:
         write_picture(picture, lambda: plot_samples(samples.parameters, samples.model))
     options = {name: getattr(arguments, name) for name in ("strategy", "size", "seed", "parameters", *_CRITERIA)}
-    provenance = dict(getattr(data, "provenance", None) or {"name": Path(arguments.input).name})
+    provenance = dict(getattr(data, "provenance", None) or named(arguments.input))
+    if arguments.model is not None:
+        provenance["model"] = named(arguments.model)
     report = {
         "output": str(target),
         "model": None if kept is None else str(kept),
