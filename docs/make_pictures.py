@@ -93,7 +93,7 @@ def noise() -> Figure:
 
 def form() -> Figure:
     """A freeform scanned with holes and faults, and its tool marks."""
-    return plot_form_removal(tsj.remove_form(freeform_artefact(30_000), method="normal", robust=True))
+    return plot_form_removal(tsj.remove_form(freeform_artefact(9_000), method="normal", robust=True))
 
 
 def sampling() -> Figure:

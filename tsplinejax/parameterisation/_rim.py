@@ -31,9 +31,10 @@ def laid_by_rim(
     - `graph`: of near points, weighted by distance.
     - `boundary`: the rim in order, where it is known.
 
-    >>> turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    >>> points = np.column_stack([np.append(np.cos(turn), 0), np.append(np.sin(turn), 0), np.zeros(25)])
-    >>> laid_by_rim(points, sparse.csr_matrix((25, 25)), np.arange(24))[24].round(12) + 0.0
+    >>> rim, ring = (np.exp(2j * np.pi * np.arange(n) / n) for n in (24, 8))
+    >>> plane = np.concatenate([rim, 0.6 * ring, [0]])
+    >>> points = np.column_stack([plane.real, plane.imag, np.zeros(33)])
+    >>> laid_by_rim(points, sparse.csr_matrix((33, 33)), np.arange(24))[32].round(12) + 0.0
     array([0., 0.])
     """
     if boundary is not None:
