@@ -67,8 +67,8 @@ def fit_batch(
 
     >>> from tsplinejax.data import peaks
     >>> outcomes = list(fit_batch([peaks((30, 40)), "none.npy", peaks((40, 30))], tolerance=0.1))
-    >>> [None if item.error is None else str(item.error) for item in outcomes]
-    [None, 'none.npy does not exist; check the path', None]
+    >>> tuple(None if item.error is None else str(item.error) for item in outcomes)
+    (None, 'none.npy does not exist; check the path', None)
     """
     if "checkpoint" in options:
         raise InputError("a checkpoint is of one fit, but fit_batch makes many; leave it out, or call fit for each")

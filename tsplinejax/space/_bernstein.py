@@ -25,8 +25,8 @@ def bernstein(u: Float[Array, "*shape"], order: int = 0) -> Float[Array, "*shape
 def bernstein_terms(u: Float[Array, "*shape"], order: int = 0) -> list[Float[Array, "*shape"]]:
     """The same one by one: sums over separate arrays fuse into one loop, which products of stacks do not.
 
-    >>> [float(term) for term in bernstein_terms(jnp.asarray(0.5), 1)]
-    [-0.75, -0.75, 0.75, 0.75]
+    >>> tuple(float(term) for term in bernstein_terms(jnp.asarray(0.5), 1))
+    (-0.75, -0.75, 0.75, 0.75)
     """
     v = 1 - u
     lower = (
