@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if picture is not None:
         write_picture(picture, lambda: plot_samples(samples.parameters, samples.model))
     options = {name: getattr(arguments, name) for name in ("strategy", "size", "seed", "parameters", *_CRITERIA)}
-    provenance = dict(getattr(data, "provenance", None) or named(arguments.input))
+    provenance: dict[str, Any] = dict(getattr(data, "provenance", None) or named(arguments.input))
     if arguments.model is not None:
         provenance["model"] = named(arguments.model)
     report = {
