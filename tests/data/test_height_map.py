@@ -203,6 +203,8 @@ def test_filled_pixels_go_along():
     assert height_map.valid.all()
     assert height_map.crop(1, 1, 3, 2).filled.tolist() == [[True, True, False], [False] * 3]
     assert height_map.to_unit("µm").filled.sum() == height_map.with_heights(2 * HEIGHTS).filled.sum() == 2
+    smooth = height_map.derived(2 * HEIGHTS, "doubled", "mm")
+    assert (smooth.filled.sum(), smooth.provenance["operations"]) == (2, ["doubled mm"])
     assert height_map.with_mask(np.arange(12).reshape(3, 4) == 5).filled.sum() == 1
     assert HeightMap(HEIGHTS).filled is None
     with pytest.raises(InputError, match="shape"):

@@ -6,7 +6,7 @@ import pytest
 import tsplinejax as tsj
 from tsplinejax.data import peaks
 from tsplinejax.filtration import spline_filter
-from tsplinejax.filtration._lattice import surface_heights
+from tsplinejax.surface import heights_on_grid
 
 CUTOFF = 16.0
 
@@ -38,7 +38,7 @@ def test_the_map_is_the_surface():
     data = peaks((50, 70), noise=0.02)
     data = tsj.HeightMap(data.heights, (0.5, 0.8), "µm", origin=(3.0, -2.0))
     filtered = tsj.filter(data, cutoff="8um")
-    np.testing.assert_allclose(surface_heights(filtered.surface, data.shape), filtered.filtered.heights, atol=1e-10)
+    np.testing.assert_allclose(heights_on_grid(filtered.surface, data.shape), filtered.filtered.heights, atol=1e-10)
     np.testing.assert_allclose(filtered.filtered.heights + filtered.residual.heights, data.heights, atol=1e-12)
     assert filtered.sq_removed == pytest.approx(np.std(filtered.residual.heights))
     assert filtered.max_error == pytest.approx(np.abs(filtered.residual.heights).max())
@@ -75,7 +75,7 @@ def test_missing_pixels_weigh_nothing():
     far = np.ones(data.shape, bool)
     far[14:56, 19:66] = False
     np.testing.assert_allclose(holed.filtered.heights[far], whole.filtered.heights[far], atol=2e-3 * data.range)
-    assert np.isfinite(surface_heights(holed.surface, data.shape)).all()
+    assert np.isfinite(heights_on_grid(holed.surface, data.shape)).all()
 
 
 def test_a_small_problem_against_a_dense_solve():
@@ -147,3 +147,13 @@ def test_refusals(case):
     data, options, message = BAD[case]
     with pytest.raises(tsj.InputError, match=message):
         tsj.filter(data, **options)
+
+
+def test_filled_pixels_stay_marked():
+    """What was filled in before filtering is no measured height after it."""
+    filled = np.zeros((40, 48), bool)
+    filled[5:9, 7:12] = True
+    data = tsj.HeightMap(peaks((40, 48)).heights, 1.0, "µm", filled=filled)
+    filtered = tsj.filter(data, cutoff=CUTOFF)
+    for made in (filtered.filtered, filtered.residual, spline_filter(data, CUTOFF), tsj.mra(data, levels=2).fitted):
+        np.testing.assert_array_equal(made.filled, filled)

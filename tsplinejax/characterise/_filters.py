@@ -42,7 +42,7 @@ def s_filter(data: Any, cutoff: float | str) -> HeightMap:
     """
     height_map, length = checked_cutoff(data, cutoff, "S-filter")
     heights = gaussian_mean(height_map.heights, height_map.spacing, length)
-    return _with_operation(height_map, heights, f"S-filter Gaussian ISO 16610-61, cut-off {length:g}")
+    return height_map.derived(heights, f"S-filter Gaussian ISO 16610-61, cut-off {length:g}", height_map.unit)
 
 
 def l_filter(data: Any, cutoff: float | str) -> HeightMap:
@@ -56,7 +56,8 @@ def l_filter(data: Any, cutoff: float | str) -> HeightMap:
     """
     height_map, length = checked_cutoff(data, cutoff, "L-filter")
     mean = gaussian_mean(height_map.heights, height_map.spacing, length)
-    return _with_operation(height_map, height_map.heights - mean, f"L-filter Gaussian ISO 16610-61, cut-off {length:g}")
+    operation = f"L-filter Gaussian ISO 16610-61, cut-off {length:g}"
+    return height_map.derived(height_map.heights - mean, operation, height_map.unit)
 
 
 def level(data: Any, form: AbstractSimpleForm | str = "plane") -> HeightMap | PointCloud:
@@ -87,7 +88,7 @@ def level(data: Any, form: AbstractSimpleForm | str = "plane") -> HeightMap | Po
         return PointCloud(points, data.unit, triangles=data.triangles, provenance=provenance)
     heights = np.full(data.shape, np.nan, data.heights.dtype)
     heights[data.valid] = fitted.residuals
-    return _with_operation(data, heights, operation)
+    return data.derived(heights, operation, data.unit)
 
 
 def require_scale(data: HeightMap | PointCloud, what: str) -> None:
@@ -150,18 +151,6 @@ def checked_cutoff(data: Any, cutoff: float | str, what: str) -> tuple[HeightMap
             f"received {length:g} {unit}".rstrip()
         )
     return height_map, length
-
-
-def _with_operation(height_map: HeightMap, heights: np.ndarray, operation: str) -> HeightMap:
-    """A map of other heights that says where they come from."""
-    return HeightMap(
-        heights,
-        height_map.spacing,
-        height_map.unit,
-        origin=height_map.origin,
-        provenance=recorded(height_map.provenance, operation, height_map.unit),
-        filled=height_map.filled,
-    )
 
 
 def _numbers(values: Mapping[str, Any]) -> str:

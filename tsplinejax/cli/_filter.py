@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._errors import InputError
-from ..codec import save
+from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap
 from ..io import WRITABLE, write
 from ..io._files import existing_file
@@ -17,7 +17,7 @@ from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quan
 if TYPE_CHECKING:
     from ..filtration import Filtered
 
-_MODELS = (".tspl",)
+_MODELS = (MODEL_SUFFIX,)
 _OPTIONS = (
     "tolerance",
     "relative_tolerance",

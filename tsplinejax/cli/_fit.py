@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import InputError
-from ..codec import save
+from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap, PointCloud, StoredMap
 from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
 from ..io._files import existing_file
@@ -21,7 +21,7 @@ from ._level import levelled
 from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity, table
 from ._stored import add_memory_option, described_stored, stored_data
 
-_MODELS = (".tspl",)
+_MODELS = (MODEL_SUFFIX,)
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:

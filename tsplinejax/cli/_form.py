@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import InputError
-from ..codec import save
+from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap
 from ..io._files import existing_file, written_whole
 from ..plot import plot_form_removal
@@ -20,7 +20,7 @@ from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quan
 if TYPE_CHECKING:
     from ..characterise import FormRemoval
 
-_ARRAYS, _MODELS = (".npz",), (".tspl",)
+_ARRAYS, _MODELS = (".npz",), (MODEL_SUFFIX,)
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:

@@ -9,13 +9,12 @@ import numpy as np
 from .._errors import InputError
 from .._version import __version__
 from ..codec import MODEL_SUFFIX, load, save
-from ..codec._model import heights_on_grid
 from ..data import Frame, HeightMap, Samples
 from ..io import WRITABLE, write
 from ..io._arrays import load_npz
 from ..io._files import existing_file, reading
 from ..plot import plot_samples
-from ..surface import TSpline
+from ..surface import TSpline, heights_on_grid
 from ._arguments import add_command, counts, weight
 from ._files import checked_model, checked_output, checked_picture, named, write_picture
 from ._outcome import Outcome, quantity, table

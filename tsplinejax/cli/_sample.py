@@ -79,14 +79,19 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Read, choose, write, and see what the samples are worth."""
-    from ..sampling import sample, sampling_study
+    from ..sampling._names import strategy_of
+    from ..sampling._sample import checked_size, drawn, site_of
+    from ..sampling._study import errors_of, range_of, true_samples
 
     target, kept, picture = _checked_paths(arguments)
     data, surface, warnings = _given(arguments)
     model = None if isinstance(data, TSpline) else surface
-    strategy, seed = arguments.strategy, arguments.seed
-    samples = sample(data, model=model, strategy=strategy, size=arguments.size, rng=seed)
-    study = sampling_study(data, [strategy], [len(samples)], model=model, rng=seed)
+    strategy = strategy_of(arguments.strategy)
+    site, index = site_of(data, model, "planar")
+    size = checked_size(site, strategy, arguments.size)
+    samples = drawn(site, index, strategy, size, np.random.default_rng(arguments.seed))
+    truth = true_samples(site)
+    rms, largest = errors_of(samples, truth)
     with written_whole(target) as stream:
         np.savez(stream, allow_pickle=False, **arrays(samples))
     if kept is not None:
@@ -101,14 +106,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "output": str(target),
         "model": None if kept is None else str(kept),
         "plot": None if picture is None else str(picture),
-        "strategy": strategy,
+        "strategy": arguments.strategy,
         "samples": len(samples),
-        "control_points": study.control_points,
+        "control_points": site.control_points,
         "tolerance": None,
-        "max_error": float(study.max_errors[0, 0]),
-        "rms_error": float(study.rms_errors[0, 0]),
-        "range": study.range,
-        "unit": study.unit,
+        "max_error": largest,
+        "rms_error": rms,
+        "range": range_of(truth),
+        "unit": site.model.unit,
         "warnings": [*warnings, *samples.warnings],
         "provenance": {"software": f"tsplinejax {__version__}", "input": provenance, "options": options},
     }

@@ -11,14 +11,14 @@ from .._version import __version__
 from ..data import HeightMap, quick_noise
 from ..fitting import fit
 from ..mesh import require_forest
-from ..surface import TSpline, make_surface
+from ..surface import TSpline, heights_on_grid, make_surface
 from ._compressed import Mode, ModelPart, most_pixels
 from ._decompress import decode
 from ._entropy import Encoder
 from ._grid import MOST_UNITS, UNITS, HeightCoder
 from ._lossless import encode_exactly
 from ._mask import code_mask
-from ._model import RoundedModel, code_model, heights_on_grid, require_x64
+from ._model import RoundedModel, code_model, require_x64
 from ._plain import plain
 from ._sections import sealed
 

@@ -12,12 +12,13 @@ from jaxtyping import Float
 from .._errors import InputError
 from ..data import HeightMap
 from ..io._files import check_count, existing_file, reading
+from ..surface import heights_on_grid
 from ._compressed import CompressedHeader, parse_compressed
 from ._entropy import Decoder
 from ._grid import UNITS, HeightCoder
 from ._lossless import decode_exactly
 from ._mask import code_mask
-from ._model import RoundedModel, code_model, heights_on_grid, require_x64, surface_of_model
+from ._model import RoundedModel, code_model, require_x64, surface_of_model
 from ._sections import MARK, opened
 
 NO_MODEL = (

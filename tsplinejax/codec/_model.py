@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
@@ -14,8 +14,6 @@ from ._compressed import CompressedHeader, ModelPart
 from ._entropy import AbstractCoder
 from ._points import code_points
 from ._topology import code_topology
-
-_ROWS_AT_A_TIME = 1 << 18  # pixels whose parameters are held at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +60,3 @@ def surface_of_model(header: CompressedHeader, model: RoundedModel, dtype: DType
     if not np.isfinite(points).all():
         raise InputError("its control points are not finite; it was damaged: copy it again")
     return make_surface(spline_space(model.tmesh, dtype=dtype, rational=False), points, header.frame)
-
-
-def heights_on_grid(surface: TSpline, shape: tuple[int, int]) -> Float[np.ndarray, "rows columns"]:
-    """The surface at the pixels of a grid from border to border."""
-    heights = np.empty(shape, surface.space.dtype)
-    s = np.arange(shape[1]) / (shape[1] - 1)
-    t = np.arange(shape[0]) / (shape[0] - 1)
-    rows = max(1, _ROWS_AT_A_TIME // shape[1])
-    for start in range(0, shape[0], rows):
-        part = t[start : start + rows]
-        parameters = np.stack(np.broadcast_arrays(s[None, :], part[:, None]), axis=-1).reshape(-1, 2)
-        heights[start : start + rows] = np.asarray(surface(parameters)).reshape(len(part), -1)
-    return heights

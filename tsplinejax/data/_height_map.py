@@ -198,6 +198,19 @@ class HeightMap:
             raise InputError(f"the new heights must have the shape of the map, {self.shape}, but got {array.shape}")
         return replace(self, heights=array)
 
+    def derived(self, heights: Real[ArrayLike, "rows columns"], operation: str, unit: str | None = None) -> "HeightMap":
+        """Return what an operation made of this map: missing where this one is, in its precision, marks kept.
+
+        **Arguments:**
+
+        - `heights`: in the map's unit; `operation` goes to the end of the list in `provenance`, and `unit` after it.
+
+        >>> HeightMap([[1.0, np.nan]]).derived([[3.0, 4.0]], "smoothed").provenance
+        {'operations': ['smoothed']}
+        """
+        known = np.where(self.valid, heights, np.nan).astype(self.heights.dtype)
+        return replace(self.with_heights(known), provenance=recorded(self.provenance, operation, unit))
+
     def to_unit(self, unit: str) -> "HeightMap":
         """Return the same surface with spacing, origin and heights in another unit.
 

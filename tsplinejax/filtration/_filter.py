@@ -12,7 +12,6 @@ from .._errors import InputError
 from .._version import __version__
 from ..characterise._filters import checked_cutoff, require_scale
 from ..data import HeightMap, PointCloud, as_data, estimate_noise, find_outliers, parse_length
-from ..data._provenance import recorded
 from ..fitting import StopReason
 from ..mesh import b_lattice
 from ..space import resolve_dtype
@@ -221,19 +220,10 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
         warnings.append(
             f"the tolerance is not met ({work.stop}: {work.stop.message}); the largest residual is {largest:.4g}"
         )
-    provenance = recorded(height_map.provenance, operation)
-    maps = [
-        HeightMap(
-            part, height_map.spacing, unit, origin=height_map.origin, provenance=recorded(height_map.provenance, line)
-        )
-        for part, line in (
-            (smooth.astype(heights.dtype), operation),
-            ((heights - smooth).astype(heights.dtype), f"residual of {operation}"),
-        )
-    ]
+    filtered = height_map.derived(smooth, operation)
     return Filtered(
-        filtered=maps[0],
-        residual=maps[1],
+        filtered=filtered,
+        residual=height_map.derived(heights - smooth, f"residual of {operation}"),
         cutoff=task.cutoff,
         tolerance=task.tolerance,
         finest_spacing=task.finest_spacing,
@@ -250,7 +240,7 @@ def _filtered(task: _Task, work: _Work, seconds: float) -> Filtered:
         unit=unit,
         seconds=seconds,
         warnings=tuple(warnings),
-        operations=tuple(provenance["operations"]),
+        operations=tuple(filtered.provenance["operations"]),
         provenance={"software": f"tsplinejax {__version__}", "input": dict(height_map.provenance)},
         _make_surface=work.surface,
     )

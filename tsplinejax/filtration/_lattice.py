@@ -38,10 +38,3 @@ def gridded_surface(points: Float[np.ndarray, "rows columns"], tmesh: TMesh, fra
     """Control points on a grid, rows along y, as a T-spline over a mesh without T-junctions."""
     column, row = (np.unique(tmesh.anchors[:, k], return_inverse=True)[1] for k in range(2))
     return make_surface(spline_space(tmesh, dtype=dtype, rational=False), points[row, column], frame)
-
-
-def surface_heights(surface: TSpline, shape: tuple[int, int]) -> Float[np.ndarray, "rows columns"]:
-    """A surface at all pixels of its map."""
-    rows, columns = shape
-    t, s = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
-    return np.asarray(surface(np.stack([s.ravel(), t.ravel()], axis=1)), np.float64).reshape(shape)

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from .._errors import InputError
 from ..characterise._filters import checked_cutoff
 from ..data import HeightMap, PointCloud, as_data, parse_length
-from ..data._provenance import recorded
 from ._separable import Smoother, pixel_axis
 
 Length = float | str
@@ -45,7 +43,8 @@ def spline_filter(data: Any, cutoff: Length) -> HeightMap:
     centre = float(np.mean(height_map.heights, where=height_map.valid, dtype=np.float64))
     equations = Smoother(pixel_axis(rows, dy, length), pixel_axis(columns, dx, length), height_map.valid, 1.0)
     heights, _ = equations.solve(height_map.heights.astype(np.float64) - centre)
-    return _like(height_map, heights + centre, f"filter spline ISO 16610-62, cut-off {length:g}")
+    operation = f"filter spline ISO 16610-62, cut-off {length:g}"
+    return height_map.derived(heights + centre, operation, height_map.unit)
 
 
 def bilateral_filter(data: Any, *, sigma_length: Length, sigma_height: Length) -> HeightMap:
@@ -147,11 +146,4 @@ def _scaled(height_map: HeightMap, run: Callable[[np.ndarray, float], np.ndarray
     """Run a filter for images on heights scaled to [0, 1]."""
     lowest, scale = float(height_map.heights.min()), height_map.range or 1.0
     image = (height_map.heights.astype(np.float64) - lowest) / scale
-    return _like(height_map, run(image, scale) * scale + lowest, operation)
-
-
-def _like(height_map: HeightMap, heights: Float[np.ndarray, "rows columns"], operation: str) -> HeightMap:
-    """A map of other heights in the same precision, missing where the old one is, that says where they come from."""
-    known = np.where(height_map.valid, heights, np.nan).astype(height_map.heights.dtype)
-    provenance = recorded(height_map.provenance, operation, height_map.unit)
-    return HeightMap(known, height_map.spacing, height_map.unit, origin=height_map.origin, provenance=provenance)
+    return height_map.derived(run(image, scale) * scale + lowest, operation, height_map.unit)

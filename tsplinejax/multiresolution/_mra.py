@@ -14,17 +14,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from .._errors import InputError
 from .._version import __version__
 from ..data import HeightMap, PointCloud, as_data
-from ..data._provenance import recorded
-from ..filtration._lattice import surface_heights
 from ..filtration._tolerance import resolved_tolerance, tolerance_warnings
 from ..mesh import TMesh
 from ..space import resolve_dtype
-from ..surface import TSpline, make_surface, transfer
+from ..surface import TSpline, heights_on_grid, make_surface, transfer
 from ._projection import AbstractProjection, LatticeProjection, MeshProjection
 from ._result import Band, Multiresolution
 from ._spaces import Spaces, adaptive_spaces, first_lattice, uniform_spaces
@@ -100,7 +97,7 @@ def _projected(height_map: HeightMap, spaces: Spaces, dtype: np.dtype) -> tuple[
     total: TSpline | None = None
     for k, tmesh in enumerate(spaces.meshes):
         band = _projection(height_map, spaces, k, dtype).of(rest)
-        rest = rest - surface_heights(band, height_map.shape)
+        rest = rest - heights_on_grid(band, height_map.shape)
         if total is None:
             band = total = make_surface(band.space, band.control_points + centre, height_map.frame)
         else:
@@ -124,15 +121,13 @@ def _analysis(
     """The result, with its statistics."""
     kind = "uniform lattices" if limit is None else f"meshes refined to {limit:g} {height_map.unit or ''}".rstrip()
     operation = f"multi-resolution analysis, {len(surfaces)} bands over {kind}"
-    heights = surface_heights(total, height_map.shape)
-    fitted, remainder = (
-        _like(height_map, heights, operation),
-        _like(height_map, height_map.heights - heights, operation),
-    )
+    heights = heights_on_grid(total, height_map.shape).astype(np.float64)
+    fitted = height_map.derived(heights, operation)
+    remainder = height_map.derived(height_map.heights - heights, operation)
     sizes = [_sizes(mesh, height_map.extent) for mesh in spaces.meshes]
     bands = []
     for k, surface in enumerate(surfaces):
-        part = _like(height_map, surface_heights(surface, height_map.shape), f"{operation}: band {k}")
+        part = height_map.derived(heights_on_grid(surface, height_map.shape), f"{operation}: band {k}")
         longest = np.inf if k == 0 else 2 * sizes[k - 1][1]
         bands.append(Band(surface, part, sizes[k][0], 2 * sizes[k][0], longest, _sq(part)))
     rest = remainder.heights[remainder.valid].astype(np.float64)
@@ -158,7 +153,7 @@ def _analysis(
         unit=height_map.unit,
         seconds=time.perf_counter() - started,
         warnings=tuple(warnings),
-        operations=tuple(recorded(height_map.provenance, operation)["operations"]),
+        operations=tuple(fitted.provenance["operations"]),
         provenance={"software": f"tsplinejax {__version__}", "input": dict(height_map.provenance)},
     )
 
@@ -168,13 +163,6 @@ def _sizes(tmesh: TMesh, extent: tuple[float, float]) -> tuple[float, float]:
     boxes = tmesh.element_boxes
     sides = np.sqrt(np.prod((boxes[:, 2:] - boxes[:, :2]) * extent, axis=1))
     return float(sides.min()), float(sides.max())
-
-
-def _like(height_map: HeightMap, heights: Float[np.ndarray, "rows columns"], operation: str) -> HeightMap:
-    """A map of other heights over the same pixels; missing ones stay missing."""
-    known = np.where(height_map.valid, heights, np.nan).astype(height_map.heights.dtype)
-    provenance = recorded(height_map.provenance, operation)
-    return HeightMap(known, height_map.spacing, height_map.unit, origin=height_map.origin, provenance=provenance)
 
 
 def _sq(height_map: HeightMap) -> float:

@@ -12,7 +12,7 @@ from ..data import Samples
 from ._allocation import in_rows
 from ._names import STRATEGIES, strategy_of
 from ._reconstruct import reconstruct
-from ._sample import checked_size, drawn, site_of
+from ._sample import SampleSet, checked_size, drawn, site_of
 from ._site import Site
 from ._strategies import AbstractStrategy
 
@@ -91,26 +91,24 @@ def sampling_study(
     if sizes is None:
         sizes = [round(share * site.control_points) for share in SAMPLES_A_CONTROL_POINT]
     numbers = sorted({checked_size(site, chosen[0], size) for size in sizes})
-    truth = _true_samples(site)
+    truth = true_samples(site)
     errors = np.empty((2, len(chosen), len(numbers)))
     for row, strategy in enumerate(chosen):
         for column, size in enumerate(numbers):
             samples = drawn(site, index, strategy, size, np.random.default_rng(rng))
-            surface = reconstruct(samples, smoothing=smoothing).surface
-            errors[:, row, column] = _errors_at(surface, truth)
-    low, high = truth.values.min(axis=0), truth.values.max(axis=0)
+            errors[:, row, column] = errors_of(samples, truth, smoothing)
     return SamplingStudy(
         strategies=tuple(_name(strategy) for strategy in chosen),
         sizes=tuple(numbers),
         rms_errors=errors[0],
         max_errors=errors[1],
         control_points=site.control_points,
-        range=float(np.linalg.norm(high.astype(np.float64) - low)),
+        range=range_of(truth),
         unit=site.model.unit,
     )
 
 
-def _true_samples(site: Site) -> Samples:
+def true_samples(site: Site) -> Samples:
     """What reconstructions are judged by: every measured sample, or evenly spread places of the model."""
     if site.candidates is not None:
         return site.candidates
@@ -118,8 +116,15 @@ def _true_samples(site: Site) -> Samples:
     return Samples(places, site.values(places), None, site.model.frame)
 
 
-def _errors_at(surface: Any, truth: Samples) -> tuple[float, float]:
-    """Root-mean-square and largest distance of a surface from true values at the same parameters."""
+def range_of(truth: Samples) -> float:
+    """Norm of the largest minus the smallest value of each component."""
+    low, high = truth.values.min(axis=0), truth.values.max(axis=0)
+    return float(np.linalg.norm(high.astype(np.float64) - low))
+
+
+def errors_of(samples: SampleSet, truth: Samples, smoothing: float | Literal["auto"] = "auto") -> tuple[float, float]:
+    """Root-mean-square and largest distance of what is reconstructed from samples to the true values."""
+    surface = reconstruct(samples, smoothing=smoothing).surface
     reached = np.asarray(surface(truth.parameters), np.float64).reshape(truth.values.shape)
     errors = np.linalg.norm(truth.values - reached, axis=1)
     return float(np.sqrt(np.mean(errors**2))), float(errors.max())
