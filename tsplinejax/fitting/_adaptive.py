@@ -24,7 +24,7 @@ from ._residuals import all_residuals
 from ._result import Step, StopReason
 from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
-from ._stages import SMALLEST, bisect_worst, mark_in_stages
+from ._stages import ROOM, SMALLEST, bisect_worst, mark_in_stages
 from ._stopwatch import Stopwatch
 from ._store import (
     Chosen,
@@ -221,9 +221,17 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
 
 def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
     """Bisect what is marked, or the worst part that the control-point budget allows; `None` where it allows none."""
-    marked, stage = mark_in_stages(state.excess, splittable(problem, state), state.stage, problem.stage_factor)
+    tmesh, excess, marking = state.mesh.tmesh, state.excess, problem.marking
+    marked, stage = mark_in_stages(excess, splittable(problem, state), state.stage, marking.fall)
     limit = problem.budget.max_control_points
-    return bisect_worst(state.mesh.tmesh, marked, state.excess, problem.refinement, limit), stage
+    found = bisect_worst(tmesh, marked, excess, problem.refinement, limit)
+    far = marked & (excess > marking.twice) & (tmesh.levels < MAX_LEVEL - 1)
+    far &= state.mesh.per_element(np.add, state.tally.counts) >= ROOM
+    if found is None or not far.any():
+        return found, stage
+    halves = (far & found.bisected)[found.parent]
+    again = bisect_worst(found.mesh, halves, excess[found.parent], problem.refinement, limit)
+    return found if again is None else found.then(again), stage
 
 
 def _every(mesh: Discretisation) -> Chosen:
