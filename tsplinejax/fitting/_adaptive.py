@@ -153,6 +153,13 @@ def polish(problem: Problem, state: State) -> State:
     return with_coefficients(problem, replace(state, polished=True), coefficients, watch)
 
 
+def taken_back(problem: Problem, polished: State, state: State) -> State:
+    """The state before it was polished, on the device rows that moved on into the polished one."""
+    every = _every(state.mesh)
+    store, _ = renew_points(polished.store, state.coefficients, problem.extent, problem.lattice, every)
+    return replace(state, store=store)
+
+
 def with_coefficients(problem: Problem, state: State, coefficients: Array, watch: Stopwatch) -> State:
     """The same step with other coefficients, measured anew."""
     after = replace(state, coefficients=coefficients, history=state.history[:-1])
