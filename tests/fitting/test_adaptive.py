@@ -8,6 +8,7 @@ import pytest
 
 import tsplinejax as tsj
 from tsplinejax.fitting import Marking, StopReason, advance, begin, pose_fit, terminate
+from tsplinejax.fitting._adaptive import polish, residuals_of, taken_back
 from tsplinejax.fitting._criteria import explained_squares
 from tsplinejax.fitting._store import choose
 from tsplinejax.mesh import Dyadic, b_lattice, is_analysis_suitable
@@ -57,6 +58,19 @@ def test_what_is_far_from_the_tolerance_is_bisected_twice():
     assert (inside.sum(axis=0)[far] == 4).all()
     once = replace(problem, marking=Marking(twice=np.inf))
     assert len(advance(once, begin(once)).mesh.tmesh.boxes) < len(after)
+
+
+def test_a_polish_that_is_not_wanted_leaves_no_trace():
+    """The state before it is back, device rows and all."""
+    problem = pose_fit(bump(), tolerance=1e-2)
+    state = advance(problem, begin(problem))
+    before = residuals_of(problem, state)
+    polished = polish(problem, state)
+    assert np.abs(residuals_of(problem, polished) - before).max() > 1e-6
+    again = taken_back(problem, polished, state)
+    np.testing.assert_array_equal(residuals_of(problem, again), before)
+    assert again.history == state.history
+    assert len(advance(problem, again).history) == 3
 
 
 def test_history_accounts_for_the_fit():
