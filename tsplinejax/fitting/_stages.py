@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from ..mesh import AbstractRefinement, Refinement, TMesh, bisect
 
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
-TRIFLE = 0.005  # share of the elements for which a stage is not worth another step
+TRIFLE = 0.02  # share of the elements for which a stage is not worth another step
 ROOM = 64  # samples of an element that may be bisected twice at once
 
 
