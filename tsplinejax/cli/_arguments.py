@@ -2,8 +2,8 @@
 
 import argparse
 import re
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from .._errors import InputError
 
@@ -19,8 +19,10 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{' '.join(message.split())}; see {self.prog} --help")
 
 
-def add_command(subparsers: argparse._SubParsersAction, name: str, summary: str, example: str) -> Parser:
-    """Add a command with what all have: `--json`, and a help that ends with an example."""
+def add_command(
+    subparsers: argparse._SubParsersAction, name: str, summary: str, example: str, run: Callable[..., Any]
+) -> Parser:
+    """Add a command with what all have: what runs it, `--json`, and a help that ends with an example."""
     parser = subparsers.add_parser(
         name,
         help=summary,
@@ -29,8 +31,35 @@ def add_command(subparsers: argparse._SubParsersAction, name: str, summary: str,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.set_defaults(run=run)
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
     return parser
+
+
+def add_input(parser: argparse.ArgumentParser, what: str = "height map", metavar: str = "INPUT") -> None:
+    """Add the file that a command reads."""
+    parser.add_argument("input", metavar=metavar, help=what)
+
+
+def add_output(parser: argparse.ArgumentParser, what: str, metavar: str = "OUT") -> None:
+    """Add the file that a command writes."""
+    parser.add_argument("-o", "--output", metavar=metavar, required=True, help=what)
+
+
+def add_plot(parser: argparse._ActionsContainer, what: str) -> None:
+    """Add a picture to draw."""
+    parser.add_argument("--plot", metavar="FILE.png", help=what)
+
+
+def add_tolerances(parser: argparse._ActionsContainer, what: str, *, noise: str | None = None) -> None:
+    """Add the ways to state a tolerance, of which one may be given."""
+    one = parser.add_mutually_exclusive_group()
+    one.add_argument("--tolerance", metavar="X", help=what)
+    one.add_argument(
+        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
+    )
+    if noise is not None:
+        one.add_argument("--noise", metavar="auto|X", help=noise)
 
 
 def add_data_options(parser: argparse.ArgumentParser, what: str = "the input") -> None:

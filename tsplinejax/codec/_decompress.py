@@ -120,9 +120,9 @@ def decode(content: bytes) -> Decoded:
             model = code_model(coder, header.model, None)
             base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
         with np.errstate(over="ignore"):
-            heights = _corrected(header, coder, missing, base).astype(dtype)
+            heights = _corrected(header, coder, missing, base).astype(dtype, copy=False)
         heights[missing] = np.nan
-    if not np.isfinite(heights[~missing]).all():
+    if not (np.isfinite(heights) | missing).all():
         raise InputError("its heights are not finite; it was damaged: copy it again")
     return Decoded(header, heights, model)
 
@@ -137,7 +137,7 @@ def decode_model(content: bytes) -> tuple[CompressedHeader, RoundedModel]:
     return header, code_model(coder, header.model, None)
 
 
-def read_file(content: bytes) -> tuple[CompressedHeader, list[bytes]]:
+def read_file(content: bytes) -> tuple[CompressedHeader, list[memoryview]]:
     """The header and as many sections as its mode has."""
     entries, sections = opened(content)
     header = parse_compressed(entries, len(content))
@@ -152,7 +152,9 @@ def _corrected(
     """Heights: a base, and where there are any, corrections of single pixels."""
     if header.model is not None and not header.model.residual:
         return np.asarray(base)
-    return base + HeightCoder(coder, missing, None).run() * (header.step / UNITS)
+    heights = HeightCoder(coder, missing, None).run() * (header.step / UNITS)
+    heights += base
+    return heights
 
 
 def _missing(header: CompressedHeader, coder: Decoder) -> np.ndarray:
