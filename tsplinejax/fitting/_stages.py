@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from ..mesh import AbstractRefinement, Refinement, TMesh, bisect
 
-STAGE_FACTOR = 0.25  # by which the threshold falls
+STAGE_FACTOR = 0.15  # by which the threshold falls
 SMALLEST = 0.25  # area of an element of one sample that is still cut, in mean areas of a sample
 TRIFLE = 0.005  # share of the elements for which a stage is not worth another step
 
@@ -30,7 +30,7 @@ def mark_in_stages(
     - `factor`: by how much it falls.
 
     >>> mark_in_stages(np.array([100.0, 30.0, 2.0]), np.ones(3, bool), np.inf)
-    (array([ True,  True, False]), 25.0)
+    (array([ True,  True, False]), 15.0)
     """
     stage = max(1.0, float(excess[can].max()) * factor) if np.isinf(stage) else stage
     while stage > 1 and np.count_nonzero(can & (excess > stage)) <= TRIFLE * len(can):
