@@ -131,12 +131,17 @@ def coarse_to_fine(
         stride //= 2
         rows, columns = _size(shape, stride)
         planes = {"EE": with_margins(layers)}
+        del layers
         for which in PASSES:
             down, right = which.parity
             size = ((rows + 1 - down) // 2, (columns + 1 - right) // 2)
             planes[which.name] = with_margins(between(stride, which, planes, size))
-        kept = 1 if stride == 1 else len(straight)
-        layers = tuple(_joined([planes[name][k] for name in _PARITIES], (rows, columns)) for k in range(kept))
+        if stride == 1:
+            planes = {name: plane[:1] for name, plane in planes.items()}
+        layers = tuple(
+            _joined([planes[name][k] for name in _PARITIES], (rows, columns)) for k in range(len(planes["EE"]))
+        )
+        del planes
     return layers[0]
 
 
@@ -163,16 +168,15 @@ def extended(plane: np.ndarray, *, straight: bool) -> np.ndarray:
     shape = tuple(count + 2 * _MARGIN for count in plane.shape)
     if plane.size == 0:
         return np.broadcast_to(plane.dtype.type(0), shape)
-    for axis in range(2):
-        width = [(0, 0), (0, 0)]
-        width[axis] = (_MARGIN, _MARGIN)
-        if plane.shape[axis] == 1:
-            continue
-        if straight:
-            plane = np.pad(plane, width, mode="reflect", reflect_type="odd")
-        else:
-            plane = np.pad(plane, width, mode="edge")
-    return np.broadcast_to(plane, shape)
+    margins = [0 if count == 1 else _MARGIN for count in plane.shape]
+    padded = np.empty([count + 2 * margin for count, margin in zip(plane.shape, margins, strict=True)], plane.dtype)
+    inside = [slice(margin, margin + count) for count, margin in zip(plane.shape, margins, strict=True)]
+    padded[tuple(inside)] = plane
+    for lines, part in zip((padded, padded.T), inside, strict=True):
+        for step in range(1, part.start + 1):
+            for end, outward in ((part.start, -step), (part.stop - 1, step)):
+                lines[end + outward] = 2 * lines[end] - lines[end - outward] if straight else lines[end]
+    return np.broadcast_to(padded, shape)
 
 
 def strips(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
@@ -238,7 +242,11 @@ class HeightCoder:
         coded = ~of_pass(self.missing, stride, which) | (stride > _FINE)
         wanted = None if target is None else self._steps(target, predicted)
         steps = self._coded(self.models[which.name], contexts, wanted, coded)
-        return predicted + steps * UNITS, np.minimum(np.abs(steps), _LARGEST).astype(np.uint16)
+        size = np.abs(steps)
+        found = np.minimum(size, _LARGEST, out=size).astype(np.uint16)
+        steps *= UNITS
+        steps += predicted
+        return steps, found
 
     def _steps(self, target: np.ndarray, predicted: np.ndarray | int) -> np.ndarray:
         """Corrections as whole steps."""

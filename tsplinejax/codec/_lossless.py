@@ -31,22 +31,8 @@ def decode_exactly(
     **Raises:** `InputError` where there are not as many as there are valid pixels.
     """
     words = _unsigned(dtype)
-    size = (missing.size - int(np.count_nonzero(missing))) * words.itemsize
-    if size > _MOST_INFLATED * len(content):
-        raise InputError(
-            f"its heights take {size} bytes, more than {len(content)} can hold; it was damaged: copy it again"
-        )
-    inflate = zlib.decompressobj()
-    try:
-        planes = inflate.decompress(content, size + 1)
-    except zlib.error as error:
-        raise InputError(f"its heights cannot be unpacked: {error}") from error
-    if len(planes) != size:
-        raise InputError(f"its heights take {len(planes)} bytes, where {size} are needed")
     # In place where it can be: the largest maps that fit into memory shall be read.
-    steps = np.frombuffer(planes, np.uint8).reshape(words.itemsize, -1).T.copy()
-    del planes
-    ordered = steps.view(words.newbyteorder("<")).ravel().astype(words, copy=False)
+    ordered = _inflated(content, missing.size - int(np.count_nonzero(missing)), words)
     np.cumsum(ordered, out=ordered)
     top = words.type(1) << words.type(8 * words.itemsize - 1)
     negative = ordered < top
@@ -55,6 +41,29 @@ def decode_exactly(
     heights = np.full(missing.shape, np.nan, dtype)
     heights[~missing] = ordered.view(dtype)
     return heights
+
+
+def _inflated(content: bytes | memoryview, count: int, words: np.dtype) -> np.ndarray:
+    """As many numbers as asked for, from their byte planes one by one."""
+    size = count * words.itemsize
+    if size > _MOST_INFLATED * len(content):
+        raise InputError(
+            f"its heights take {size} bytes, which {len(content)} cannot hold: it was damaged; copy it again"
+        )
+    numbers = np.empty((count, words.itemsize), np.uint8)
+    inflate, rest = zlib.decompressobj(), content
+    try:
+        for k in range(words.itemsize):
+            plane, rest = inflate.decompress(rest, count), inflate.unconsumed_tail
+            if len(plane) < count:
+                raise ValueError("they end too early")
+            numbers[:, k] = np.frombuffer(plane, np.uint8)
+        more = inflate.decompress(rest, 1)
+    except (zlib.error, ValueError) as error:
+        raise InputError(f"its heights cannot be unpacked: {error}; it was damaged: copy it again") from error
+    if more:
+        raise InputError(f"its heights take more than the {size} bytes that are needed; it was damaged: copy it again")
+    return numbers.view(words.newbyteorder("<")).ravel().astype(words, copy=False)
 
 
 def _unsigned(dtype: np.dtype) -> np.dtype:
