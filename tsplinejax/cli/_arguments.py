@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from .._errors import InputError
+from ..data import canonical_unit
 
 _COUNTS = re.compile(r"\s*(\d{1,9})\s*[xX×]\s*(\d{1,9})\s*")
 _NEGATIVE = re.compile(r"-[\d.]")
@@ -16,7 +17,17 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise what the user did wrong, and where to read on."""
+        left = message.removeprefix("unrecognized arguments: ").split()
+        if left != message.split() and _is_unit(left[0]):
+            message = f"{message}; write a length without a space, as in 5{left[0]}"
         raise InputError(f"{' '.join(message.split())}; see {self.prog} --help")
+
+
+def _is_unit(word: str) -> bool:
+    try:
+        return canonical_unit(word) is not None
+    except InputError:
+        return False
 
 
 def add_command(
@@ -122,9 +133,12 @@ def share(text: str) -> float:
     """
     number = text.strip()
     try:
-        return float(number[:-1]) / 100 if number.endswith("%") else float(number)
+        value = float(number[:-1]) / 100 if number.endswith("%") else float(number)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"a share such as 0.01 or 1% is needed, but got {text!r}") from error
+    if value >= 1:
+        raise argparse.ArgumentTypeError(f"a share of the range lies below 1, but got {text!r}; write 1% or 0.01")
+    return value
 
 
 def weight(text: str) -> float | str:

@@ -82,7 +82,9 @@ def _inputs(arguments: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     """The files to fit in the order of their names, and those that no reader knows; no two may share a model's name."""
     folder = Path(arguments.input)
     if not folder.is_dir():
-        raise InputError(f"{folder} is no folder; for a single file use: tsplinejax fit")
+        raise InputError(
+            f"{folder} is no folder that exists; check the path, and for a single file use: tsplinejax fit"
+        )
     mask = None if arguments.mask is None else Path(arguments.mask).resolve()
     try:
         names = sorted(folder.iterdir())

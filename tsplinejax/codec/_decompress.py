@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .._errors import InputError
 from ..data import HeightMap
-from ..io._files import check_count, existing_file, reading
+from ..io._files import MOST_VALUES, existing_file, reading
 from ..surface import heights_on_grid
 from ._compressed import CompressedHeader, parse_compressed
 from ._entropy import Decoder
@@ -176,7 +176,10 @@ def _checked_shape(shape: Sequence[int], own: tuple[int, int]) -> tuple[int, int
         raise InputError(f"a shape is (rows, columns), but got {shape!r}") from error
     if min(rows, columns, *own) < 2:
         raise InputError(f"grids of at least 2 × 2 pixels are interpolated; asked for {rows} × {columns} from {own}")
-    check_count(rows * columns, "pixels")
+    if rows * columns > MOST_VALUES:
+        raise InputError(
+            f"a grid has at most {MOST_VALUES} pixels; asked for {rows} × {columns}; choose a smaller shape"
+        )
     return rows, columns
 
 

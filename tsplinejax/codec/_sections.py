@@ -53,7 +53,10 @@ def opened(content: bytes) -> tuple[dict[str, Any], list[memoryview]]:
     """
     start = len(MARK) + _LENGTH.size
     if content[: len(MARK)] != MARK:
-        raise InputError("its first bytes are not those of a compressed height map; make one with compress")
+        raise InputError(
+            "its first bytes are not those of a compressed height map; make one with compress, or turn a model into a "
+            "map with evaluate (tsplinejax evaluate)"
+        )
     view = memoryview(content)
     if len(content) < start + _SUM or _checksum(view[:-_SUM]) != view[-_SUM:]:
         raise InputError(f"its checksum is wrong ({len(content)} bytes): it is truncated or corrupted; copy it again")
