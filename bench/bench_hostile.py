@@ -1,6 +1,6 @@
 """Damaged and hostile compressed files: each is refused with a clear error or decodes, in little time and memory.
 
-    python bench/bench_hostile.py [FILES] [SEED]
+    python bench/bench_hostile.py [FILES] [SEED] [SECONDS]
 
 Mutants are those of `tests/codec/mutants.py`: flipped bits, truncation, splices, and, with a right checksum around
 them, other headers and other coded numbers. To them come the bombs of `tests/codec/bombs.py`, small files that ask for
@@ -60,25 +60,27 @@ class Tally:
         }
 
 
-def main(files: str = "100000", seed: str = "0") -> None:
-    """Decode mutants of five small files, and the bombs."""
+def main(files: str = "100000", seed: str = "0", seconds: str = "inf") -> None:
+    """Decode mutants of five small files, as many as time allows, and the bombs."""
     mutants, bombs, peak = (_module(name) for name in ("mutants", "bombs", "peak"))
     rng, originals = np.random.default_rng(int(seed)), list(_originals().items())
     for _, content in originals:
         tsj.decompress(content)
     tallies = {name: Tally() for name, _ in originals}
-    for k in range(int(files)):
-        name, content = originals[k % len(originals)]
+    started, done = time.monotonic(), 0
+    while done < int(files) and time.monotonic() - started < float(seconds):
+        name, content = originals[done % len(originals)]
         tallies[name].add(mutants.mutant(content, rng), peak)
-        if k % 1000 == 999:
-            print(k + 1, {name: max(tally.beyond) for name, tally in tallies.items()}, file=sys.stderr)
+        done += 1
+        if done % 1000 == 0:
+            print(done, {name: max(tally.beyond) for name, tally in tallies.items()}, file=sys.stderr)
     rows = [tallies[name].row(name, len(content)) for name, content in originals]
     entries = [mutants.parts(dict(originals)[name])[0] for name in ("grid", "model")]
     for name, content in bombs.bombs(*entries).items():
         tally = Tally()
         tally.add(content, peak)
         rows.append(tally.row(name, len(content)))
-    keep("hostile", rows, files=int(files), seed=int(seed))
+    keep("hostile", rows, files=done, seed=int(seed))
 
 
 def _module(name: str) -> ModuleType:
