@@ -114,13 +114,11 @@ def decode(content: bytes) -> Decoded:
     if header.mode == "lossless":
         heights = decode_exactly(sections[2], dtype, missing)
     else:
-        base = np.float64(header.offset)
         if header.model is not None:
             require_x64()
             model = code_model(coder, header.model, None)
-            base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
         with np.errstate(over="ignore"):
-            heights = _corrected(header, coder, missing, base).astype(dtype, copy=False)
+            heights = _heights(header, coder, missing, model).astype(dtype, copy=False)
         heights[missing] = np.nan
     if not (np.isfinite(heights) | missing).all():
         raise InputError("its heights are not finite; it was damaged: copy it again")
@@ -146,15 +144,21 @@ def read_file(content: bytes) -> tuple[CompressedHeader, list[memoryview]]:
     return header, sections
 
 
-def _corrected(
-    header: CompressedHeader, coder: Decoder, missing: np.ndarray, base: np.ndarray | np.float64
+def _heights(
+    header: CompressedHeader, coder: Decoder, missing: np.ndarray, model: RoundedModel | None
 ) -> Float[np.ndarray, "rows columns"]:
-    """Heights: a base, and where there are any, corrections of single pixels."""
-    if header.model is not None and not header.model.residual:
+    """Pixels above the offset, or a T-spline with corrections of single pixels where there are any."""
+    corrections = None
+    if header.model is None or header.model.residual:
+        # Before the T-spline is evaluated: damaged numbers end before memory is taken for all pixels.
+        corrections = HeightCoder(coder, missing, None).run() * (header.step / UNITS)
+    base = (
+        header.offset if model is None else heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
+    )
+    if corrections is None:
         return np.asarray(base)
-    heights = HeightCoder(coder, missing, None).run() * (header.step / UNITS)
-    heights += base
-    return heights
+    corrections += base
+    return corrections
 
 
 def _missing(header: CompressedHeader, coder: Decoder) -> np.ndarray:
