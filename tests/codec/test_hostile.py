@@ -25,6 +25,7 @@ def contents():
         "grid": tsj.compress(heights, max_error=0.01, mode="grid"),
         "lossless": tsj.compress(heights, max_error=0.0),
         "model": tsj.compress(heights, max_error=0.05, mode="model"),
+        "corrected": tsj.compress(peaks((120, 160)).heights, relative_max_error=0.001),
     }
 
 
@@ -74,6 +75,17 @@ def test_bombs_take_little_memory(contents):
         need, taken = peak.with_peak(partial(_need, content))
         beyond[name] = taken - need
     assert {name: size for name, size in beyond.items() if size > 200} == {}
+
+
+@pytest.mark.skipif(not peak.is_known(), reason="only Linux with the GNU C library tells the peak of one call")
+def test_corrections_end_before_the_surface_is_evaluated(contents):
+    """A larger shape than the corrections of single pixels fill takes no memory for its pixels."""
+    header, body = parts(contents["corrected"])
+    assert header["model"]["residual"]
+    content = resealed({**header, "shape": [4000, 4000]}, body)
+    need, taken = peak.with_peak(partial(_need, content))
+    assert need == 0
+    assert taken < 60  # 128 MB of heights
 
 
 def _need(content):
