@@ -119,7 +119,7 @@ MISUSE = [
     ("batch fitt", "invalid choice: 'fitt'"),
     ("batch fit", "required: FOLDER, -o/--output"),
     ("batch fit none -o models", "is no folder"),
-    ("batch fit maps/a.npz -o models", "is no folder; for a single file use: tsplinejax fit"),
+    ("batch fit maps/a.npz -o models", "for a single file use: tsplinejax fit"),
     ("batch fit empty -o models", "holds no data file"),
     ("batch fit maps -o models --pattern *.x3p", "holds no data file named '*.x3p' among its 4 files"),
     ("batch fit maps -o none/models", "cannot be made"),

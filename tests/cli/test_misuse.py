@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from skimage.io import imsave
 
 from tsplinejax.cli import _fit, _outcome
 
@@ -23,6 +24,10 @@ def _inputs(height_map, cloud, tmp_path):
     (tmp_path / "junk.x3p").write_bytes(b"junk")
     (tmp_path / "junk.tspl").write_bytes(b"PK junk")
     (tmp_path / "ragged.csv").write_text("1,2\n3\n")
+    (tmp_path / "words.csv").write_text("Instrument: ACME\nheights in nm\n1,2\n3,4\n")
+    (tmp_path / "title.csv").write_text("x,y,z\n")
+    (tmp_path / "folder").mkdir()
+    imsave(tmp_path / "heights.png", np.arange(600, dtype=np.uint16).reshape(20, 30), check_contrast=False)
 
 
 MISUSE = [
@@ -67,7 +72,34 @@ MISUSE = [
     ("fit line.npy -o m.tspl", "one line"),
     ("fit empty.npy -o m.tspl", "empty"),
     ("fit junk.x3p -o m.tspl", "cannot be read as .x3p"),
-    ("fit ragged.csv -o m.tspl", "cannot be read as .csv"),
+    ("fit ragged.csv -o m.tspl", "rows of one length"),
+    ("fit words.csv -o m.tspl", "mark them with #"),
+    ("fit title.csv -o m.tspl", "holds no numbers; export it again"),
+    ("fit heights.png -o m.tspl --spacing 0.5um", "state the data's unit (unit=..., --unit)"),
+    ("fit heights.png -o m.tspl --tolerance 5nm", "state the data's unit (unit=..., --unit)"),
+    ("fit map.npz -o m.tspl --tolerance 1%", "--relative-tolerance 1%"),
+    ("fit map.npz -o m.tspl --tolerance 5 nm", "without a space, as in 5nm"),
+    ("fit map.npz -o m.tspl --relative-tolerance 5", "below 1, but got '5'; write 1% or 0.01"),
+    ("fit map.npz -o m.tspl --relative-tolerance 1,5%", "0.01 or 1% is needed"),
+    ("fit map.npz -o m.tspl --crop 3,-2,3,-2", "keep at least two rows and columns"),
+    ("fit folder -o m.tspl", "is a folder; name a file in it"),
+    ("fit map.npz -o folder/none/m.tspl", "does not exist; create it first"),
+    ("batch fit nowhere -o models", "no folder that exists"),
+    ("batch fit folder -o models", "holds no data file"),
+    ("areal cloud.npy", "read it with --as map"),
+    ("filter cloud.npy -o f.npz --cutoff 1", "read it with --as map"),
+    ("filter map.npz -o f.npz --cutoff 1%", "--relative-tolerance 1%"),
+    ("mra cloud.npy -o b.npz", "read it with --as map"),
+    ("fill cloud.npy -o f.npz", "read it with --as map"),
+    ("fill map.npz -o f.npz --tolerance 1", "--smooth-all"),
+    ("sample map.npz -o s.npz --strategy grevil", "greville-centres"),
+    ("sample map.npz -o s.npz --model map.npz", "ends in .tspl"),
+    ("reconstruct constant.npy --model junk.tspl -o r.npz", "cannot be read as .tspl"),
+    ("compress cloud.npy -o c.tspl --tolerance 1", "read it with --as map"),
+    ("compress map.npz -o c.tspl", "is required"),
+    ("compress map.npz -o c.tspl --tolerance 1%", "--relative-tolerance 1%"),
+    ("decompress constant.npy -o d.npz", "make one with compress"),
+    ("decompress empty.npy -o d.npz", "empty"),
     ("fit junk.tspl -o m.tspl", "is a model"),
     ("info junk.tspl", "cannot be read as .tspl"),
     ("info junk.tspl --plot m.png", "a model is drawn by"),
@@ -89,13 +121,17 @@ MISUSE = [
 @pytest.mark.parametrize(("line", "message"), MISUSE, ids=[line or "nothing" for line, _ in MISUSE])
 def test_misuse_is_one_clear_line(command, tmp_path, line, message):
     """No traceback, no partial file."""
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = _contents(tmp_path)
     code, out, err = command(*line.split())
     assert (code, out) == (2, "")
     assert err.startswith("tsplinejax: error: ")
     assert err.count("\n") == 1
     assert message in err
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert _contents(tmp_path) == before
+
+
+def _contents(folder):
+    return {path.relative_to(folder): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
 def test_unexpected_errors_are_one_line_too(command, monkeypatch):

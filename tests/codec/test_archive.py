@@ -88,3 +88,16 @@ def test_a_damaged_member_is_named_with_its_place(tmp_path):
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"numbers.npy at byte \d+ is damaged"):
         read_archive(path, DTYPES)
+
+
+def test_long_lists_of_members_are_not_read(tmp_path):
+    """Every member of the list would take memory, and a model file has a handful."""
+    path = _zip(tmp_path / "a", {"header.json": b"{}", **{f"{k}.npy": b"" for k in range(2000)}})
+    with pytest.raises(InputError, match="list of members"):
+        read_header(path)
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path):
+    """A header longer than what is read of one."""
+    with pytest.raises(InputError, match="a header holds"):
+        _written(tmp_path / "a", {"text": "x" * (1 << 20)})

@@ -238,3 +238,23 @@ except tsj.InputError as error: print(error)
     assert rows == "60"
     assert "jax.config.update('jax_enable_x64', True)" in message
     assert "mode='grid'" in message
+
+
+EARLIER = (
+    "895453504c0d0a025b00000095d2c10d80300c03c08550d5b8719a0cc324a8bb531e88aa5448e4e1879fbe1c7f9ea14d729f5a39b177e0c8652b"
+    "ae1ba7db487dd170a6d100342a6a4f51f291420a7798b8b83b3d170c70715d562b202d42566cab95a26cb1b7131526ff6e06192424bc913b0461"
+    "ec78a67cd6faf7b65a1388beca881b5a4db53bf05fe2af158086d17eaae6c6dfbdd14e76a1f6d4ebb597c1dc2dfeb0f68c520322d271dbd8d2cb"
+    "aa84f638550eba0823623e86b2a7fbce57eb917c4609936aac8b3375b3f9605f961118a3203608"
+)
+
+
+def test_files_written_earlier_are_read():
+    """A small map of predicted pixels, with a hole: every bit of its heights as when it was written."""
+    row, column = np.mgrid[0:12, 0:17]
+    given = (np.sin(row / 3.0) * 4 + (column - 8) ** 2 / 16.0).astype(np.float32)
+    given[3:5, 6:9] = np.nan
+    content = bytes.fromhex(EARLIER)
+    heights = tsj.decompress(content).heights
+    np.testing.assert_array_equal(np.isnan(heights), np.isnan(given))
+    errors = np.abs(heights.astype(np.float64) - given.astype(np.float64))
+    assert np.nanmax(errors) == compressed_header(content).max_error <= 0.05

@@ -141,7 +141,7 @@ WRONG = [
     ("s first", {"header": {"unit": "volt"}}, "not a unit of length"),
     ("s first", {"header": {"origin": [1]}}, "pair of numbers"),
     ("s first", {"header": {"extent": [0, 1]}}, "positive extent"),
-    ("s first", {"header": {"lattice": [0, 3]}}, "lattice is"),
+    ("s first", {"header": {"lattice": [0, 3]}}, "two counts"),
     ("s first", {"header": {"lattice": [10**9, 10**9]}}, "elements|lattice|order"),
     ("s first", {"header": {"lattice": [3, 4]}}, "elements|lattice|order"),
     ("s first", {"header": {"first_cut": "t"}}, "elements|lattice|order"),
@@ -175,6 +175,25 @@ def test_wrong_contents_are_refused(tmp_path, kind, change, message):
         load(path)
     assert str(caught.value).startswith("model.tspl")
     assert "\n" not in str(caught.value)
+
+
+def _uneven_mesh():
+    """A large element beside very small ones: the functions of these would cut it into millions of Bézier elements."""
+    mesh = tsj.b_lattice(2, 1)
+    for _ in range(22):
+        mesh = tsj.refine(mesh, mesh.element_boxes[:, 0] == 0.5, tsj.Dyadic()).mesh
+    return mesh
+
+
+def test_meshes_that_take_any_memory_are_refused(tmp_path):
+    """Small files whose meshes ask for gigabytes of tables; they are told before these are made."""
+    mesh, many = _uneven_mesh(), np.linspace(0, 1, 3000)
+    header = {"lattice": [2, 1], "elements": mesh.n_elements, "control_points": mesh.n_anchors}
+    arrays = {"boxes": mesh.boxes.astype(np.int32), "control_points": np.zeros(mesh.n_anchors)}
+    with pytest.raises(InputError, match="Bézier elements"):
+        load(_edited(tmp_path, header=header, arrays={name: lambda _, new=new: new for name, new in arrays.items()}))
+    with pytest.raises(InputError, match="index cells"):
+        load(_edited(tmp_path, "by hand", arrays={"lines_s": lambda _: many, "lines_t": lambda _: many}))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """Compressed files are not trusted: whatever was done to one, it decodes or is refused with one line."""
 
 import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 import tsplinejax as tsj
 from tsplinejax.data import peaks
 
+from . import peak
+from .bombs import bombs
 from .mutants import mutant, parts, resealed
 
 MUTANTS = 300
@@ -22,6 +25,7 @@ def contents():
         "grid": tsj.compress(heights, max_error=0.01, mode="grid"),
         "lossless": tsj.compress(heights, max_error=0.0),
         "model": tsj.compress(heights, max_error=0.05, mode="model"),
+        "corrected": tsj.compress(peaks((120, 160)).heights, relative_max_error=0.001),
     }
 
 
@@ -60,6 +64,36 @@ def test_huge_shapes_take_no_memory(contents, shape):
         assert tracemalloc.get_traced_memory()[1] < 2e8
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.skipif(not peak.is_known(), reason="only Linux with the GNU C library tells the peak of one call")
+def test_bombs_take_little_memory(contents):
+    """Small files that ask for much: at most 200 MB beyond the heights that come back, compiled code included."""
+    entries = [parts(contents[kind])[0] for kind in ("grid", "model")]
+    beyond = {}
+    for name, content in bombs(*entries).items():
+        need, taken = peak.with_peak(partial(_need, content))
+        beyond[name] = taken - need
+    assert {name: size for name, size in beyond.items() if size > 200} == {}
+
+
+@pytest.mark.skipif(not peak.is_known(), reason="only Linux with the GNU C library tells the peak of one call")
+def test_corrections_end_before_the_surface_is_evaluated(contents):
+    """A larger shape than the corrections of single pixels fill takes no memory for its pixels."""
+    header, body = parts(contents["corrected"])
+    assert header["model"]["residual"]
+    content = resealed({**header, "shape": [4000, 4000]}, body)
+    need, taken = peak.with_peak(partial(_need, content))
+    assert need == 0
+    assert taken < 60  # 128 MB of heights
+
+
+def _need(content):
+    """MB of the heights that a file decodes to; none where it is refused."""
+    try:
+        return tsj.decompress(content).heights.nbytes / 1e6
+    except tsj.InputError:
+        return 0.0
 
 
 def test_file_is_named(contents, tmp_path):

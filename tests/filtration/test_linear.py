@@ -135,7 +135,7 @@ BAD = {
     "fine": ((np.ones((20, 20)), 0.5, 0.5), {"finest_spacing": 0.1}, "between a pixel and the map"),
     "both": (np.ones((20, 20)), {"tolerance": 1.0, "relative_tolerance": 0.1}, "at most one"),
     "zero": (np.eye(20), {"tolerance": 0.0}, "above zero"),
-    "flat": (np.ones((20, 20)), {"relative_tolerance": 0.1}, "a range above zero"),
+    "flat": (np.ones((20, 20)), {"relative_tolerance": 0.1}, "surface is constant"),
     "missing": (np.full((20, 20), np.nan), {"tolerance": 1.0}, "missing"),
     "no noise": (np.ones((20, 20)), {}, "give a tolerance"),
 }

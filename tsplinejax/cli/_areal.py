@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import InputError
 from .._version import __version__
 from ..data import HeightMap
-from ..io._files import existing_file
 from ..plot._style import display_unit
-from ._arguments import add_command, add_data_options
-from ._files import read_data
+from ._arguments import add_command, add_data_options, add_input
+from ._files import read_map
 from ._operations import add_operations
 from ._outcome import Outcome, described, table
 
@@ -23,9 +21,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "areal",
         "measure the areal parameters of ISO 25178-2 of a height map",
         "tsplinejax areal map.x3p --s-filter 2.5um --level plane --l-filter 80um --json",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map")
+    add_input(parser)
     parser.add_argument("--include-filled", action="store_true", help="count heights that were filled in, too")
     add_operations(parser)
     add_data_options(parser)
@@ -36,13 +34,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     from ..areal import areal_parameters
     from ..characterise import l_filter, level, s_filter
 
-    existing_file(arguments.input)
-    data = read_data(arguments.input, arguments)
-    if not isinstance(data, HeightMap):
-        raise InputError(
-            f"{arguments.input} is a point cloud, but areal parameters are of a height map; take its form off first "
-            "(tsplinejax form), or read it with --as map"
-        )
+    data = read_map(arguments, "areal parameters are measured of")
     original = data
     for option, operation in (("s_filter", s_filter), ("level", level), ("l_filter", l_filter)):
         value = getattr(arguments, option)

@@ -2,10 +2,11 @@
 
 import argparse
 import re
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from .._errors import InputError
+from ..data import canonical_unit
 
 _COUNTS = re.compile(r"\s*(\d{1,9})\s*[xX×]\s*(\d{1,9})\s*")
 _NEGATIVE = re.compile(r"-[\d.]")
@@ -16,11 +17,23 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise what the user did wrong, and where to read on."""
+        left = message.removeprefix("unrecognized arguments: ").split()
+        if left != message.split() and _is_unit(left[0]):
+            message = f"{message}; write a length without a space, as in 5{left[0]}"
         raise InputError(f"{' '.join(message.split())}; see {self.prog} --help")
 
 
-def add_command(subparsers: argparse._SubParsersAction, name: str, summary: str, example: str) -> Parser:
-    """Add a command with what all have: `--json`, and a help that ends with an example."""
+def _is_unit(word: str) -> bool:
+    try:
+        return canonical_unit(word) is not None
+    except InputError:
+        return False
+
+
+def add_command(
+    subparsers: argparse._SubParsersAction, name: str, summary: str, example: str, run: Callable[..., Any]
+) -> Parser:
+    """Add a command with what all have: what runs it, `--json`, and a help that ends with an example."""
     parser = subparsers.add_parser(
         name,
         help=summary,
@@ -29,8 +42,35 @@ def add_command(subparsers: argparse._SubParsersAction, name: str, summary: str,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.set_defaults(run=run)
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
     return parser
+
+
+def add_input(parser: argparse.ArgumentParser, what: str = "height map", metavar: str = "INPUT") -> None:
+    """Add the file that a command reads."""
+    parser.add_argument("input", metavar=metavar, help=what)
+
+
+def add_output(parser: argparse.ArgumentParser, what: str, metavar: str = "OUT") -> None:
+    """Add the file that a command writes."""
+    parser.add_argument("-o", "--output", metavar=metavar, required=True, help=what)
+
+
+def add_plot(parser: argparse._ActionsContainer, what: str) -> None:
+    """Add a picture to draw."""
+    parser.add_argument("--plot", metavar="FILE.png", help=what)
+
+
+def add_tolerances(parser: argparse._ActionsContainer, what: str, *, noise: str | None = None) -> None:
+    """Add the ways to state a tolerance, of which one may be given."""
+    one = parser.add_mutually_exclusive_group()
+    one.add_argument("--tolerance", metavar="X", help=what)
+    one.add_argument(
+        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
+    )
+    if noise is not None:
+        one.add_argument("--noise", metavar="auto|X", help=noise)
 
 
 def add_data_options(parser: argparse.ArgumentParser, what: str = "the input") -> None:
@@ -93,9 +133,12 @@ def share(text: str) -> float:
     """
     number = text.strip()
     try:
-        return float(number[:-1]) / 100 if number.endswith("%") else float(number)
+        value = float(number[:-1]) / 100 if number.endswith("%") else float(number)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"a share such as 0.01 or 1% is needed, but got {text!r}") from error
+    if value >= 1:
+        raise argparse.ArgumentTypeError(f"a share of the range lies below 1, but got {text!r}; write 1% or 0.01")
+    return value
 
 
 def weight(text: str) -> float | str:

@@ -13,10 +13,10 @@ from ..codec import MODEL_SUFFIX, save
 from ..fitting import BatchItem, FitResult, fit_batch
 from ..io import READABLE
 from ..plot import plot_overview
-from ._arguments import add_command
+from ._arguments import add_command, add_input, add_output
 from ._files import checked_output, checked_picture, write_picture
 from ._fit import add_fit_options, fit_options, prepared_data, report_of
-from ._outcome import MET, STOPPED_EARLIER, Outcome, quantity, reason, table
+from ._outcome import MET, STOPPED_EARLIER, Outcome, quantity, reason, table, written
 
 _EXAMPLE = "tsplinejax batch fit maps -o models --pattern 'scan_*' --tolerance 5nm"
 _PICTURE_SUFFIX = ".png"
@@ -34,12 +34,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "fit",
         "fit every file of a folder, and write one model each",
         _EXAMPLE,
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="FOLDER", help="folder of height maps and point clouds; not those within it")
-    parser.add_argument(
-        "-o", "--output", metavar="OUTFOLDER", required=True, help="folder for the models, NAME.tspl; made if missing"
-    )
+    add_input(parser, "folder of height maps and point clouds; not those within it", "FOLDER")
+    add_output(parser, "folder for the models, NAME.tspl; made if missing", "OUTFOLDER")
     parser.add_argument(
         "--pattern", metavar="GLOB", default="*", help="names of the files to fit, in quotes (default: all)"
     )
@@ -84,7 +82,9 @@ def _inputs(arguments: argparse.Namespace) -> tuple[list[Path], list[Path]]:
     """The files to fit in the order of their names, and those that no reader knows; no two may share a model's name."""
     folder = Path(arguments.input)
     if not folder.is_dir():
-        raise InputError(f"{folder} is no folder; for a single file use: tsplinejax fit")
+        raise InputError(
+            f"{folder} is no folder that exists; check the path, and for a single file use: tsplinejax fit"
+        )
     mask = None if arguments.mask is None else Path(arguments.mask).resolve()
     try:
         names = sorted(folder.iterdir())
@@ -151,7 +151,7 @@ def _written(path: Path, result: FitResult, folder: Path, arguments: argparse.Na
         checked_picture(str(picture), str(path), arguments.mask)
         write_picture(picture, lambda: plot_overview(result))
     save(target, result)
-    return {"model": str(target), "plot": None if picture is None else str(picture)}
+    return written(model=target, plot=picture)
 
 
 def _say_error(text: str) -> None:

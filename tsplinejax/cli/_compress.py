@@ -7,24 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._errors import InputError
 from ..codec import MODEL_SUFFIX, CompressedHeader, compress, compressed_header, decompress
 from ..codec._drift import drift
-from ..data import HeightMap, quick_noise
+from ..data import HeightMap, is_spiked, quick_noise, robust_span, tolerance_cautions
 from ..io import WRITABLE, write
-from ..io._files import existing_file, written_whole
+from ..io._files import written_whole
 from ..plot import plot_error, plot_height_map
 from ..plot._style import new_figure, print_style
-from ._arguments import Parser, add_command, add_data_options, counts, share
-from ._files import checked_output, checked_picture, read_data, write_picture
-from ._outcome import Outcome, described, percentage, quantity, table
+from ._arguments import Parser, add_command, add_data_options, add_input, add_output, add_plot, counts, share
+from ._files import checked_output, checked_picture, read_map, write_picture
+from ._outcome import Outcome, described, percentage, quantity, table, written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: The paper keeps a control point in three numbers of eight bytes.
 _PAPER_BYTES = 24
-_SPIKED = 3.0
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -34,12 +32,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "compress",
         "compress a height map, every valid pixel within a bound",
         "tsplinejax compress map.x3p -o map.tspl --tolerance 1nm",
+        run_compress,
     )
-    parser.set_defaults(run=run_compress)
-    parser.add_argument("input", metavar="INPUT", help="height map")
-    parser.add_argument("-o", "--output", metavar="FILE.tspl", required=True, help="the compressed file to write")
+    add_input(parser)
+    add_output(parser, "the compressed file to write", "FILE.tspl")
     _add_bound(parser)
-    parser.add_argument("--plot", metavar="FILE.png", help="draw what the file decodes to, and its errors")
+    add_plot(parser, "draw what the file decodes to, and its errors")
     add_data_options(parser)
 
     parser = add_command(
@@ -47,14 +45,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "decompress",
         "turn a compressed file into a height map",
         "tsplinejax decompress map.tspl -o map.npz",
+        run_decompress,
     )
-    parser.set_defaults(run=run_decompress)
-    parser.add_argument("input", metavar="FILE.tspl", help="the compressed file")
-    parser.add_argument("-o", "--output", metavar="OUT", required=True, help=f"file to write: {' '.join(WRITABLE)}")
+    add_input(parser, "the compressed file", "FILE.tspl")
+    add_output(parser, f"file to write: {' '.join(WRITABLE)}")
     parser.add_argument(
         "--shape", metavar="RxC", type=counts, help="another grid of R rows and C columns over the same extent"
     )
-    parser.add_argument("--plot", metavar="FILE.png", help="draw the map")
+    add_plot(parser, "draw the map")
 
 
 def _add_bound(parser: Parser) -> None:
@@ -88,21 +86,16 @@ def _add_bound(parser: Parser) -> None:
 def run_compress(arguments: argparse.Namespace) -> Outcome:
     """Read, compress, write, and compare what comes back."""
     target = checked_output(arguments.output, (MODEL_SUFFIX,), arguments.input, arguments.mask)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
-    existing_file(arguments.input)
-    data = read_data(arguments.input, arguments)
-    if not isinstance(data, HeightMap):
-        raise InputError("height maps are compressed, but this is a point cloud; fit it and keep the model instead")
+    picture = checked_picture(arguments.plot, arguments.input, arguments.mask)
+    data = read_map(arguments, "what is compressed is")
     names = ("max_error", "relative_max_error", "dtype", "mode")
     content = compress(data, **{name: getattr(arguments, name) for name in names})
     with written_whole(target) as stream:
         stream.write(content)
     header, decoded = compressed_header(content), decompress(content)
-    if picture is not None:
-        write_picture(picture, lambda: _drawn(data, decoded, header.tolerance))
+    write_picture(picture, lambda: _drawn(data, decoded, header.tolerance))
     report = {
-        "output": str(target),
-        "plot": None if picture is None else str(picture),
+        **written(output=target, plot=picture),
         **_report(data, decoded, header, len(content)),
         "warnings": _warnings(data, header, arguments.relative_max_error is not None),
     }
@@ -135,21 +128,17 @@ def _report(data: HeightMap, decoded: HeightMap, header: CompressedHeader, size:
 
 def _warnings(data: HeightMap, header: CompressedHeader, relative: bool) -> list[str]:
     """What the user should know about the bound."""
-    warnings = list(data.provenance.get("notes", ()))
-    bound, spread = header.tolerance, data.range
-    if bound > spread / 2 > 0:
-        warnings.append(
-            f"the bound {bound:.4g} is above half the range {spread:.4g}: the file hardly shows the surface"
-        )
-    noise = quick_noise(data)
-    if 0 < bound < noise:
-        warnings.append(
-            f"the bound {bound:.4g} is below the estimated noise {noise:.4g}: most bytes describe the noise"
-        )
-    heights = data.heights[data.valid].astype(np.float64)
-    if relative and spread > _SPIKED * float(np.ptp(np.quantile(heights, [0.001, 0.999]))):
-        warnings.append("spikes stretch the range that the bound is a share of; give the bound as a length")
-    return warnings
+    cautions = tolerance_cautions(
+        header.tolerance,
+        data.range,
+        quick_noise(data),
+        result="the file",
+        remedy="most bytes describe it",
+        name="bound",
+    )
+    if relative and is_spiked(data.range, robust_span(data.heights[data.valid])):
+        cautions.append("spikes stretch the range that the bound is a share of; give the bound as a length")
+    return [*data.provenance.get("notes", ()), *cautions]
 
 
 def _lines(data: HeightMap, report: dict[str, Any]) -> tuple[str, ...]:
@@ -229,18 +218,16 @@ def about_compressed(path: str) -> Outcome:
 def run_decompress(arguments: argparse.Namespace) -> Outcome:
     """Read and write."""
     target = checked_output(arguments.output, WRITABLE, arguments.input)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input)
+    picture = checked_picture(arguments.plot, arguments.input)
     header = compressed_header(arguments.input)
     data = decompress(arguments.input, shape=arguments.shape)
     write(target, data)
-    if picture is not None:
-        write_picture(picture, lambda: plot_height_map(data))
+    write_picture(picture, lambda: plot_height_map(data))
     warnings = []
     if target.suffix.lower() == ".npy":
         warnings.append(f"{target.name} holds the bare numbers: spacing and unit are not in it; .npz keeps them")
     report = {
-        "output": str(target),
-        "plot": None if picture is None else str(picture),
+        **written(output=target, plot=picture),
         "mode": header.mode,
         "shape": list(data.shape),
         "spacing": list(data.spacing),

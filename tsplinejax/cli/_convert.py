@@ -4,7 +4,7 @@ import argparse
 
 from ..data import HeightMap
 from ..io import WRITABLE, write
-from ._arguments import add_command, add_data_options
+from ._arguments import add_command, add_data_options, add_input
 from ._files import checked_output, read_data
 from ._outcome import Outcome, described, table
 
@@ -16,9 +16,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "convert",
         "convert data to another format",
         "tsplinejax convert map.npy map.x3p --spacing 0.5 --unit um --height-unit nm",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="IN", help="height map or point cloud")
+    add_input(parser, "height map or point cloud", "IN")
     parser.add_argument("output", metavar="OUT", help=f"file to write: {' '.join(WRITABLE)}")
     add_data_options(parser)
 

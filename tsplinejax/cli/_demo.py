@@ -37,9 +37,8 @@ class Example:
 def add(subparsers: argparse._SubParsersAction) -> None:
     """Add the command to the parser."""
     parser = add_command(
-        subparsers, "demo", "fit two real surfaces and write pictures and models", "tsplinejax demo -o demo-output"
+        subparsers, "demo", "fit two real surfaces and write pictures and models", "tsplinejax demo -o demo-output", run
     )
-    parser.set_defaults(run=run)
     parser.add_argument("-o", "--output", metavar="DIR", default="tsplinejax-demo", help="folder (default %(default)s)")
 
 

@@ -12,8 +12,8 @@ from ..data import HeightMap, PointCloud
 from ..io import WRITABLE, write
 from ..io._arrays import load_npy
 from ..io._files import MOST_VALUES, existing_file, reading, written_whole
-from ..surface import TSpline
-from ._arguments import add_command, add_data_options, counts, data_options
+from ..surface import TSpline, parameter_grid
+from ._arguments import add_command, add_data_options, add_output, counts, data_options
 from ._files import checked_model, checked_output, read_data
 from ._outcome import Outcome, percentage, quantity, table
 from ._places import at_parameters, at_places, in_unit_of
@@ -28,19 +28,17 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "evaluate",
         "evaluate a model: heights, or points for a model in space",
         "tsplinejax evaluate map.tspl --shape 480x640 -o fine.npy",
+        run,
     )
-    parser.set_defaults(run=run)
     parser.add_argument("model", metavar="MODEL.tspl", help="the model")
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--like", metavar="INPUT", help="at the pixels or points of these data; NaN outside the model")
     where.add_argument("--shape", metavar="RxC", type=counts, help="on a grid of R rows and C columns over the model")
     where.add_argument("--parameters", metavar="P.npy", help="at parameters (s, t) in [0, 1]: an array of two columns")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT.npy",
-        required=True,
-        help="bare array (.npy), or with spacing and unit: .npz .csv .x3p .gwy (maps), .npz .csv .ply (points)",
+    add_output(
+        parser,
+        "bare array (.npy), or with spacing and unit: .npz .csv .x3p .gwy (maps), .npz .csv .ply (points)",
+        "OUT.npy",
     )
     add_data_options(parser, "--like INPUT")
 
@@ -105,8 +103,7 @@ def _on_grid(surface: TSpline, rows: int, columns: int) -> Evaluated:
         raise InputError(
             f"a grid has at least 2 rows and 2 columns and at most {MOST_VALUES} places, but got {rows}x{columns}"
         )
-    t, s = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
-    values = at_parameters(surface, np.column_stack([s.ravel(), t.ravel()]))
+    values = at_parameters(surface, parameter_grid(rows, columns))
     if not surface.is_height_map:
         return values, _cloud(surface, values), {}
     frame = surface.frame

@@ -22,9 +22,21 @@ _PICTURES = (".png", ".pdf", ".svg")
 
 def read_data(path: str, arguments: argparse.Namespace) -> HeightMap | PointCloud:
     """Read data with the shared options."""
+    existing_file(path)
     if is_model(path):
         raise InputError(f"{path} is a model; name the data that it is of, or use info, evaluate or plot on the model")
     return read(path, **data_options(arguments))  # type: ignore[arg-type]
+
+
+def read_map(arguments: argparse.Namespace, what: str) -> HeightMap:
+    """Read the input, which must be a height map; `what` says what is done with it."""
+    data = read_data(arguments.input, arguments)
+    if not isinstance(data, HeightMap):
+        raise InputError(
+            f"{what} a height map, but {arguments.input} is a point cloud; read it with --as map where its points are "
+            "a full grid, or take its form off first: tsplinejax form"
+        )
+    return data
 
 
 def is_model(path: str) -> bool:
@@ -61,16 +73,20 @@ def checked_output(path: str, suffixes: tuple[str, ...], *inputs: str | None) ->
     return target
 
 
-def checked_picture(path: str, *inputs: str | None) -> Path:
-    """The path of a picture to write; matplotlib must be there."""
+def checked_picture(path: str | None, *inputs: str | None) -> Path | None:
+    """The path of a picture to write, if there is to be one; matplotlib must then be there."""
+    if path is None:
+        return None
     target = checked_output(path, _PICTURES, *inputs)
     # Drawn off screen whatever the machine's settings.
     require("matplotlib", "plot").use("agg")
     return target
 
 
-def write_picture(target: Path, draw: Callable[[], "Figure | Axes"]) -> None:
-    """Draw a figure (or axes in one) and write it; the file appears whole or not at all."""
+def write_picture(target: Path | None, draw: Callable[[], "Figure | Axes"]) -> None:
+    """Draw a figure (or axes in one) and write it where there is a path; the file appears whole or not at all."""
+    if target is None:
+        return
     figure: Any = draw().figure
     # Neither date nor random names: equal figures give equal files.
     metadata: dict[str, Any] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(target.suffix.lower(), {})

@@ -8,10 +8,9 @@ from .._errors import InputError
 from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap
 from ..io import WRITABLE, write
-from ..io._files import existing_file
 from ..plot import plot_filtered
-from ._arguments import add_command, add_data_options, share
-from ._files import checked_output, checked_picture, read_data, write_picture
+from ._arguments import add_command, add_data_options, add_input, add_output, add_plot, add_tolerances
+from ._files import checked_output, checked_picture, read_map, write_picture
 from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quantity, table
 
 if TYPE_CHECKING:
@@ -36,18 +35,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "filter",
         "filter a height map: by a cut-off, or by a tolerance with edges kept",
         "tsplinejax filter map.x3p -o smooth.x3p --cutoff 8um --tolerance 50nm --residual rough.x3p --plot both.png",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map")
-    parser.add_argument("-o", "--output", metavar="OUT", required=True, help=f"file to write: {' '.join(WRITABLE)}")
+    add_input(parser)
+    add_output(parser, f"file to write: {' '.join(WRITABLE)}")
     group = parser.add_argument_group("filter (none of these: a tolerance of five standard deviations of the noise)")
-    one = group.add_mutually_exclusive_group()
-    one.add_argument(
-        "--tolerance", metavar="X", help="keep edges higher than this, and stay within it of every pixel: 5nm, 0.8um"
-    )
-    one.add_argument(
-        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
-    )
+    add_tolerances(group, "keep edges higher than this, and stay within it of every pixel: 5nm, 0.8um")
     group.add_argument(
         "--cutoff", metavar="LENGTH", help="wavelength of which half passes: 1 / (1 + (cutoff / wavelength)^4)"
     )
@@ -63,7 +56,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     group = parser.add_argument_group("what else to write")
     group.add_argument("--residual", metavar="OUT", help="what was taken off, as a map")
     group.add_argument("--model", metavar="FILE.tspl", help="the filtered surface as a model")
-    group.add_argument("--plot", metavar="FILE.png", help="draw the filtered map and what was taken off")
+    add_plot(group, "draw the filtered map and what was taken off")
     add_data_options(parser)
 
 
@@ -72,10 +65,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     from ..filtration import filter
 
     paths = _checked_paths(arguments)
-    existing_file(arguments.input)
-    data = read_data(arguments.input, arguments)
-    if not isinstance(data, HeightMap):
-        raise InputError("height maps are filtered, but this is a point cloud; fit it, or take its form off first")
+    data = read_map(arguments, "what is filtered is")
     filtered = filter(data, **{name: getattr(arguments, name) for name in _OPTIONS})
     written: list[tuple[str, Any]] = [("output", filtered.filtered), ("residual", filtered.residual)]
     for name, height_map in written:
@@ -83,8 +73,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             write(paths[name], height_map)
     if "model" in paths:
         save(paths["model"], filtered.surface)
-    if "plot" in paths:
-        write_picture(paths["plot"], lambda: plot_filtered(filtered))
+    write_picture(paths.get("plot"), lambda: plot_filtered(filtered))
     report = {
         **{name: str(paths[name]) if name in paths else None for name in ("output", "residual", "model", "plot")},
         **filtered.report,
@@ -107,8 +96,9 @@ def _checked_paths(arguments: argparse.Namespace) -> dict[str, Path]:
         for name, allowed in suffixes.items()
         if getattr(arguments, name) is not None
     }
-    if arguments.plot is not None:
-        paths["plot"] = checked_picture(arguments.plot, *inputs)
+    picture = checked_picture(arguments.plot, *inputs)
+    if picture is not None:
+        paths["plot"] = picture
     if len({path.resolve() for path in paths.values()}) < len(paths):
         raise InputError("two of the files to write are the same; name a file for each")
     return paths

@@ -12,13 +12,22 @@ from .._errors import InputError
 from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap, PointCloud, StoredMap
 from ..fitting import FitResult, GlobalSolver, LocalSolver, fit
-from ..io._files import existing_file
 from ..mesh import AnalysisSuitable, Dyadic
 from ..plot import plot_overview
-from ._arguments import Parser, add_command, add_data_options, lattice, share, weight
+from ._arguments import (
+    Parser,
+    add_command,
+    add_data_options,
+    add_input,
+    add_output,
+    add_plot,
+    add_tolerances,
+    lattice,
+    weight,
+)
 from ._files import checked_output, checked_picture, read_data, write_picture
 from ._level import levelled
-from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity, table
+from ._outcome import MET, STOPPED_EARLIER, Outcome, described, quantity, table, written
 from ._stored import add_memory_option, described_stored, stored_data
 
 _MODELS = (MODEL_SUFFIX,)
@@ -31,13 +40,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "fit",
         "fit a T-spline to measured data and write the model",
         "tsplinejax fit map.x3p -o map.tspl --tolerance 5nm --robust --plot map.png",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map or point cloud")
-    parser.add_argument("-o", "--output", metavar="MODEL.tspl", required=True, help="the model file to write")
+    add_input(parser, "height map or point cloud")
+    add_output(parser, "the model file to write", "MODEL.tspl")
     add_fit_options(parser)
     add_memory_option(parser)
-    parser.add_argument("--plot", metavar="FILE.png", help="draw T-mesh, errors, convergence and surface")
+    add_plot(parser, "draw T-mesh, errors, convergence and surface")
     parser.add_argument(
         "--checkpoint",
         metavar="FILE",
@@ -59,12 +68,11 @@ def add_fit_options(parser: Parser, what: str = "the input") -> None:
 
 def _add_criterion(parser: Parser) -> None:
     group = parser.add_argument_group("criterion (at most one of the first three; none means --noise auto)")
-    one = group.add_mutually_exclusive_group()
-    one.add_argument("--tolerance", metavar="X", help="largest error at any sample: 5nm, 0.8um, or in the data's unit")
-    one.add_argument(
-        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
+    add_tolerances(
+        group,
+        "largest error at any sample: 5nm, 0.8um, or in the data's unit",
+        noise="stop at the noise: estimated, or of this standard deviation",
     )
-    one.add_argument("--noise", metavar="auto|X", help="stop at the noise: estimated, or of this standard deviation")
     group.add_argument("--robust", action="store_true", help="set isolated spikes aside first")
     group.add_argument(
         "--level", choices=("none", "plane"), default="none", help="take off a plane first (default none)"
@@ -100,20 +108,17 @@ def _add_method(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> Outcome:
     """Read, fit, write."""
     target = checked_output(arguments.output, _MODELS, arguments.input, arguments.mask)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.input, arguments.mask)
+    picture = checked_picture(arguments.plot, arguments.input, arguments.mask)
     options, checkpoint = fit_options(arguments), _checked_checkpoint(arguments)
     if arguments.max_memory is None:
-        existing_file(arguments.input)
         data = prepared_data(arguments.input, arguments)
     else:
         data, options["max_memory"] = stored_data(arguments), arguments.max_memory
     result = fit(data, checkpoint=checkpoint, **options)
     save(target, result)
-    if picture is not None:
-        write_picture(picture, lambda: plot_overview(result))
+    write_picture(picture, lambda: plot_overview(result))
     report = {
-        "model": str(target),
-        "plot": None if picture is None else str(picture),
+        **written(model=target, plot=picture),
         **report_of(result),
     }
     if checkpoint is not None:

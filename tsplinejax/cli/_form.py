@@ -9,13 +9,13 @@ import numpy as np
 from .._errors import InputError
 from ..codec import MODEL_SUFFIX, save
 from ..data import HeightMap
-from ..io._files import existing_file, written_whole
+from ..io._files import written_whole
 from ..plot import plot_form_removal
 from ..surface import TSpline
-from ._arguments import add_command, add_data_options, counts
+from ._arguments import add_command, add_data_options, add_input, add_output, add_plot, counts
 from ._files import checked_output, checked_picture, read_data, write_picture
 from ._operations import add_operations, simple_form_name
-from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quantity, table
+from ._outcome import MET, STOPPED_EARLIER, Outcome, described, percentage, quantity, table, written
 
 if TYPE_CHECKING:
     from ..characterise import FormRemoval
@@ -30,16 +30,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "form",
         "separate measured data into form and texture",
         "tsplinejax form scan.ply -o texture.npz --parameters conformal --robust --model form.tspl --plot form.png",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map or point cloud")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT.npz",
-        required=True,
-        help="arrays to write, one row a valid sample: points, parameters, form_points, texture; of a height map also "
+    add_input(parser, "height map or point cloud")
+    add_output(
+        parser,
+        "arrays to write, one row a valid sample: points, parameters, form_points, texture; of a height map also "
         "texture_map",
+        "OUT.npz",
     )
     group = parser.add_argument_group("form (default: a T-spline of 3x3 elements, 6 × 6 control points)")
     group.add_argument(
@@ -68,7 +66,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     group.add_argument("--robust", action="store_true", help="set spikes and dust aside")
     group.add_argument("--model", metavar="FORM.tspl", help="write the form as a model")
-    group.add_argument("--plot", metavar="FILE.png", help="draw form and texture")
+    add_plot(group, "draw form and texture")
     add_operations(parser)
     add_data_options(parser)
 
@@ -78,7 +76,6 @@ def run(arguments: argparse.Namespace) -> Outcome:
     from ..characterise import remove_form
 
     target, model, picture = _checked_paths(arguments)
-    existing_file(arguments.input)
     data = read_data(arguments.input, arguments)
     names = ("method", "form", "tolerance", "lattice", "parameters", "outward", "robust")
     operations = ("s_filter", "level", "l_filter")
@@ -87,10 +84,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         np.savez(stream, allow_pickle=False, **arrays(removal))
     if model is not None:
         save(model, removal.form)  # pyright: ignore[reportArgumentType] -- a T-spline, as checked above
-    if picture is not None:
-        write_picture(picture, lambda: plot_form_removal(removal))
-    written = {"output": target, "model": model, "plot": picture}
-    report = {**{name: None if path is None else str(path) for name, path in written.items()}, **removal.report}
+    write_picture(picture, lambda: plot_form_removal(removal))
+    report = {**written(output=target, model=model, plot=picture), **removal.report}
     report["provenance"] = {**report["provenance"], "options": _options(arguments, (*names, *operations))}
     code = MET if removal.converged else STOPPED_EARLIER
     return Outcome(report, _lines(described(data), removal, report), code)
@@ -112,7 +107,7 @@ def _checked_paths(arguments: argparse.Namespace) -> tuple[Path, Path | None, Pa
     if arguments.model is not None and arguments.form is not None:
         raise InputError(f"a model holds a T-spline, but the form is a {arguments.form}; leave --model or --form out")
     model = None if arguments.model is None else checked_output(arguments.model, _MODELS, *inputs)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, *inputs)
+    picture = checked_picture(arguments.plot, *inputs)
     return target, model, picture
 
 

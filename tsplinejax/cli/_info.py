@@ -9,17 +9,17 @@ import numpy as np
 from .._errors import InputError
 from ..codec import load, load_header
 from ..codec._decompress import is_compressed
-from ..data import HeightMap, PointCloud, estimate_noise, find_outliers
+from ..data import HeightMap, PointCloud, estimate_noise, find_outliers, is_spiked, robust_span
 from ..fitting import ToleranceStudy, tolerance_study
 from ..io._files import existing_file
 from ..plot import plot_tolerance_study
-from ._arguments import add_command, add_data_options
+from ._arguments import add_command, add_data_options, add_plot
 from ._compress import about_compressed
 from ._files import checked_picture, is_model, read_data, write_picture
 from ._level import plane_of
 from ._outcome import Outcome, pair, percentage, quantity, table
 
-_SPIKED, _TILTED = 3.0, 0.9
+_TILTED = 0.9
 _SAID = ("the range", "a plane")
 
 
@@ -30,8 +30,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "info",
         "tell what a file holds, and which tolerances suit it",
         "tsplinejax info map.x3p",
+        run,
     )
-    parser.set_defaults(run=run)
     parser.add_argument("file", metavar="FILE", help="data, or a model")
     parser.add_argument(
         "--max-seconds",
@@ -40,7 +40,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         default=30.0,
         help="limit of the trial fit behind the suggested tolerances (default 30); 0 leaves it out",
     )
-    parser.add_argument("--plot", metavar="FILE.png", help="draw control points against tolerance")
+    add_plot(parser, "draw control points against tolerance")
     add_data_options(parser, "FILE")
 
 
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         if is_compressed(existing_file(arguments.file)):
             return about_compressed(arguments.file)
         return _about_model(arguments.file)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, arguments.file)
+    picture = checked_picture(arguments.plot, arguments.file)
     data = read_data(arguments.file, arguments)
     report = _of_data(data)
     study = _study(data, arguments.max_seconds, report)
@@ -78,7 +78,7 @@ def _of_data(data: HeightMap | PointCloud) -> dict[str, Any]:
         "unit": data.unit,
         "share_valid": float(data.valid.mean()) if isinstance(data, HeightMap) else 1.0,
         "range": float(np.ptp(heights)) if heights.size else None,
-        "robust_span": float(np.ptp(np.quantile(heights, [0.001, 0.999]))) if heights.size else None,
+        "robust_span": robust_span(heights) if heights.size else None,
         "dtype": str(data.heights.dtype if isinstance(data, HeightMap) else data.points.dtype),
         "operations": list(data.provenance.get("operations", ())),
         "warnings": list(data.provenance.get("notes", ())),
@@ -106,7 +106,7 @@ def _tilt(data: HeightMap | PointCloud, heights: np.ndarray) -> dict[str, float]
 def _data_warnings(report: dict[str, Any]) -> list[str]:
     """What makes a tolerance relative to the range mean something else than intended."""
     warnings = []
-    if report["range"] and report["range"] > _SPIKED * report["robust_span"]:
+    if report["range"] and is_spiked(report["range"], report["robust_span"]):
         warnings.append("the range is more than three times the 0.1-99.9 % span: spikes: use --robust")
     if report["tilt"] and report["tilt"]["share_of_variance"] > _TILTED:
         warnings.append("a plane explains over 90 % of the variance: tilt: use --level plane")

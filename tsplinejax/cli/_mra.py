@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._errors import InputError
 from ..data import HeightMap
-from ..io._files import existing_file, written_whole
+from ..io._files import written_whole
 from ..plot import plot_bands
-from ._arguments import add_command, add_data_options, counts, share
-from ._files import checked_output, checked_picture, read_data, write_picture
-from ._outcome import MET, STOPPED_EARLIER, Outcome, described, pair, quantity, table
+from ._arguments import add_command, add_data_options, add_input, add_output, add_plot, add_tolerances, counts
+from ._files import checked_output, checked_picture, read_map, write_picture
+from ._outcome import MET, STOPPED_EARLIER, Outcome, described, pair, quantity, table, written
 
 if TYPE_CHECKING:
     from ..multiresolution import Band, Multiresolution
@@ -27,30 +26,24 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "mra",
         "take a height map apart into bands from coarse to fine",
         "tsplinejax mra map.x3p -o bands.npz --levels 5 --plot bands.png",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="BANDS.npz",
-        required=True,
-        help="arrays to write: bands (k, rows, columns), which add up to fitted, remainder, wavelengths (k, 2)",
+    add_input(parser)
+    add_output(
+        parser,
+        "arrays to write: bands (k, rows, columns), which add up to fitted, remainder, wavelengths (k, 2)",
+        "BANDS.npz",
     )
     group = parser.add_argument_group("bands (default: uniform lattices, each twice as fine as the one before)")
     group.add_argument("--levels", metavar="N", type=int, help="how many (default: down to elements of four pixels)")
-    one = group.add_mutually_exclusive_group()
-    one.add_argument("--tolerance", metavar="X", help="adaptive meshes, refined to this largest remainder: 5nm, 0.8um")
-    one.add_argument(
-        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
-    )
+    add_tolerances(group, "adaptive meshes, refined to this largest remainder: 5nm, 0.8um")
     group.add_argument(
         "--lattice",
         metavar="MxN",
         type=counts,
         help="elements of the first band, M along x (default 3 on the shorter side)",
     )
-    parser.add_argument("--plot", metavar="FILE.png", help="draw all bands")
+    add_plot(parser, "draw all bands")
     add_data_options(parser)
 
 
@@ -60,22 +53,18 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
     inputs = (arguments.input, arguments.mask)
     target = checked_output(arguments.output, _ARRAYS, *inputs)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, *inputs)
-    existing_file(arguments.input)
-    data = read_data(arguments.input, arguments)
-    if not isinstance(data, HeightMap):
-        raise InputError("bands are of a height map, but this is a point cloud; fit it, or take its form off first")
+    picture = checked_picture(arguments.plot, *inputs)
+    data = read_map(arguments, "bands are of")
     analysis = mra(data, **{name: getattr(arguments, name) for name in _OPTIONS})
     with written_whole(target) as stream:
         np.savez(stream, allow_pickle=False, **arrays(analysis))
-    if picture is not None:
-        write_picture(picture, lambda: plot_bands(analysis))
-    report = {"output": str(target), "plot": None if picture is None else str(picture), **analysis.report}
+    write_picture(picture, lambda: plot_bands(analysis))
+    report = {**written(output=target, plot=picture), **analysis.report}
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     report["provenance"] = {**report["provenance"], "options": options, "stop": report["stop"]}
     report["warnings"] = [*data.provenance.get("notes", ()), *report["warnings"]]
-    written = [str(path) for path in (target, picture) if path is not None]
-    return Outcome(report, _lines(data, analysis, written), MET if analysis.converged else STOPPED_EARLIER)
+    files = [str(path) for path in (target, picture) if path is not None]
+    return Outcome(report, _lines(data, analysis, files), MET if analysis.converged else STOPPED_EARLIER)
 
 
 def arrays(analysis: "Multiresolution") -> dict[str, np.ndarray]:
@@ -88,7 +77,7 @@ def arrays(analysis: "Multiresolution") -> dict[str, np.ndarray]:
     }
 
 
-def _lines(data: HeightMap, analysis: "Multiresolution", written: list[str]) -> tuple[str, ...]:
+def _lines(data: HeightMap, analysis: "Multiresolution", files: list[str]) -> tuple[str, ...]:
     unit = analysis.unit
     return table(
         [
@@ -99,7 +88,7 @@ def _lines(data: HeightMap, analysis: "Multiresolution", written: list[str]) -> 
             ),
             ("remainder", f"Sq {quantity(analysis.sq_remainder, unit)}, largest {quantity(analysis.max_error, unit)}"),
             ("time", f"{analysis.seconds:.1f} s"),
-            ("written", ", ".join(written)),
+            ("written", ", ".join(files)),
         ]
     )
 

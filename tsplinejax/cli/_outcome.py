@@ -5,6 +5,7 @@ import os
 import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,15 @@ def table(rows: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     listed = list(rows)
     width = max(len(name) for name, _ in listed)
     return tuple(f"{name:{width}}  {value}" for name, value in listed)
+
+
+def written(**paths: Path | None) -> dict[str, str | None]:
+    """Files of a report by what they hold; null where none was asked for.
+
+    >>> written(output=Path("a.npz"), plot=None)
+    {'output': 'a.npz', 'plot': None}
+    """
+    return {name: None if path is None else str(path) for name, path in paths.items()}
 
 
 def one_line(text: object) -> str:

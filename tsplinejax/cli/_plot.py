@@ -12,7 +12,7 @@ from ..data import HeightMap, PointCloud, Samples, find_outliers
 from ..plot import plot_error, plot_height_map, plot_mesh, plot_overview, plot_surface_3d
 from ..plot._style import is_wide, new_figure, print_style
 from ..surface import TSpline
-from ._arguments import add_command, add_data_options, data_options
+from ._arguments import add_command, add_data_options, add_output, data_options
 from ._files import checked_picture, is_model, read_data, write_picture
 from ._outcome import Outcome, described, quantity, table
 from ._places import at_places, in_unit_of
@@ -28,10 +28,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "plot",
         "draw data, or a model: its T-mesh, its surface, its errors",
         "tsplinejax plot map.tspl --data map.x3p -o map.png",
+        run,
     )
-    parser.set_defaults(run=run)
     parser.add_argument("file", metavar="FILE", help="data, or a model")
-    parser.add_argument("-o", "--output", metavar="FILE.png", required=True, help="picture to write: .png .pdf .svg")
+    add_output(parser, "picture to write: .png .pdf .svg", "FILE.png")
     parser.add_argument("--data", metavar="INPUT", help="for a model: draw its errors at these data, too")
     add_data_options(parser, "FILE (or --data)")
 

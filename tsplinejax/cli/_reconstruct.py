@@ -15,9 +15,9 @@ from ..io._arrays import load_npz
 from ..io._files import existing_file, reading
 from ..plot import plot_samples
 from ..surface import TSpline, heights_on_grid
-from ._arguments import add_command, counts, weight
+from ._arguments import add_command, add_output, add_plot, counts, weight
 from ._files import checked_model, checked_output, checked_picture, named, write_picture
-from ._outcome import Outcome, quantity, table
+from ._outcome import Outcome, quantity, table, written
 
 if TYPE_CHECKING:
     from ..sampling import Reconstruction
@@ -32,18 +32,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "reconstruct",
         "recover a surface from few samples",
         "tsplinejax reconstruct samples.npz --model nominal.tspl -o map.npz",
+        run,
     )
-    parser.set_defaults(run=run)
     parser.add_argument("samples", metavar="SAMPLES.npz", help="arrays parameters (m, 2) and values (m, d)")
     parser.add_argument(
         "--model", metavar="M.tspl", required=True, help="model whose T-mesh the surface is known to have"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
-        required=True,
-        help=f"model ({MODEL_SUFFIX}), or map to write: {' '.join(WRITABLE)}",
+    add_output(
+        parser,
+        f"model ({MODEL_SUFFIX}), or map to write: {' '.join(WRITABLE)}",
+        "OUT",
     )
     parser.add_argument(
         "--smoothing", metavar="auto|X", type=weight, default="auto", help="weight of the bending energy (default auto)"
@@ -55,7 +53,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help=f"rows and columns of a map (default: those of the map the samples come from, or {_LONGER_SIDE} "
         "along the longer side)",
     )
-    parser.add_argument("--plot", metavar="FILE.png", help="draw the surface with its T-mesh and the samples")
+    add_plot(parser, "draw the surface with its T-mesh and the samples")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -64,7 +62,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
     inputs = (arguments.samples, arguments.model)
     target = checked_output(arguments.output, (MODEL_SUFFIX, *WRITABLE), *inputs)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, *inputs)
+    picture = checked_picture(arguments.plot, *inputs)
     model = load(checked_model(arguments.model))
     samples, shape = read_samples(arguments.samples, model)
     if target.suffix.lower() == MODEL_SUFFIX and arguments.shape is not None:
@@ -76,8 +74,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         save(target, result.surface)
     else:
         write(target, _map(result.surface, arguments.shape or shape))
-    if picture is not None:
-        write_picture(picture, lambda: plot_samples(samples.parameters, result.surface))
+    write_picture(picture, lambda: plot_samples(samples.parameters, result.surface))
     report = _report(arguments, target, picture, samples, result)
     return Outcome(report, _lines(report))
 
@@ -130,8 +127,7 @@ def _report(
     arguments: argparse.Namespace, target: Path, picture: Path | None, samples: Samples, result: "Reconstruction"
 ) -> dict[str, Any]:
     return {
-        "output": str(target),
-        "plot": None if picture is None else str(picture),
+        **written(output=target, plot=picture),
         "samples": result.n_samples,
         "control_points": result.surface.control_points.shape[0],
         "smoothing": result.smoothing,

@@ -11,12 +11,12 @@ from .._version import __version__
 from ..codec import MODEL_SUFFIX, load, save
 from ..data import HeightMap, PointCloud, Samples
 from ..fitting import fit
-from ..io._files import existing_file, written_whole
+from ..io._files import written_whole
 from ..plot import plot_samples
 from ..surface import TSpline
-from ._arguments import add_command, add_data_options, data_options, share
+from ._arguments import add_command, add_data_options, add_input, add_output, add_plot, add_tolerances, data_options
 from ._files import checked_model, checked_output, checked_picture, is_model, named, read_data, write_picture
-from ._outcome import Outcome, described, quantity, table
+from ._outcome import Outcome, described, quantity, table, written
 from ._places import in_unit_of
 
 if TYPE_CHECKING:
@@ -33,16 +33,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "sample",
         "choose the few samples from which a surface is recovered",
         "tsplinejax sample map.x3p -o samples.npz --model nominal.tspl --strategy greville --size 2000",
+        run,
     )
-    parser.set_defaults(run=run)
-    parser.add_argument("input", metavar="INPUT", help="height map or point cloud, or a model to be sampled itself")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="SAMPLES.npz",
-        required=True,
-        help="arrays to write: parameters (m, 2), values (m, d); with the place of the parameter square (origin, "
+    add_input(parser, "height map or point cloud, or a model to be sampled itself")
+    add_output(
+        parser,
+        "arrays to write: parameters (m, 2), values (m, d); with the place of the parameter square (origin, "
         "extent, unit), and of measured data which of them were chosen (index)",
+        "SAMPLES.npz",
     )
     group = parser.add_argument_group("where")
     group.add_argument(
@@ -66,14 +64,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="write the model whose T-mesh the samples belong to: what reconstruct needs, where none was given or "
         "greville-refined refined it",
     )
-    group.add_argument("--plot", metavar="FILE.png", help="draw the places over the T-mesh")
+    add_plot(group, "draw the places over the T-mesh")
     group = parser.add_argument_group("without --model the input is fitted first (none of these means --noise auto)")
-    one = group.add_mutually_exclusive_group()
-    one.add_argument("--tolerance", metavar="X", help="largest error of the fit: 5nm, 0.8um, or in the data's unit")
-    one.add_argument(
-        "--relative-tolerance", metavar="X", type=share, help="the same as a share of the range: 0.01 or 1%%"
+    add_tolerances(
+        group,
+        "largest error of the fit: 5nm, 0.8um, or in the data's unit",
+        noise="stop at the noise: estimated, or of this standard deviation",
     )
-    one.add_argument("--noise", metavar="auto|X", help="stop at the noise: estimated, or of this standard deviation")
     add_data_options(parser)
 
 
@@ -96,16 +93,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
         np.savez(stream, allow_pickle=False, **arrays(samples))
     if kept is not None:
         save(kept, samples.model)
-    if picture is not None:
-        write_picture(picture, lambda: plot_samples(samples.parameters, samples.model))
+    write_picture(picture, lambda: plot_samples(samples.parameters, samples.model))
     options = {name: getattr(arguments, name) for name in ("strategy", "size", "seed", "parameters", *_CRITERIA)}
     provenance: dict[str, Any] = dict(getattr(data, "provenance", None) or named(arguments.input))
     if arguments.model is not None:
         provenance["model"] = named(arguments.model)
     report = {
-        "output": str(target),
-        "model": None if kept is None else str(kept),
-        "plot": None if picture is None else str(picture),
+        **written(output=target, model=kept, plot=picture),
         "strategy": arguments.strategy,
         "samples": len(samples),
         "control_points": site.control_points,
@@ -145,8 +139,7 @@ def _checked_paths(arguments: argparse.Namespace) -> tuple[Path, Path | None, Pa
     kept = None if arguments.save_model is None else checked_output(arguments.save_model, (MODEL_SUFFIX,), *inputs)
     if arguments.model is not None:
         checked_model(arguments.model)
-    picture = None if arguments.plot is None else checked_picture(arguments.plot, *inputs)
-    existing_file(arguments.input)
+    picture = checked_picture(arguments.plot, *inputs)
     given = [name for name in _CRITERIA if getattr(arguments, name) is not None]
     if given and (arguments.model is not None or is_model(arguments.input)):
         raise InputError(f"--{given[0].replace('_', '-')} is of a fit, but the model is given; leave one of them out")

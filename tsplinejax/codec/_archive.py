@@ -7,8 +7,10 @@ and attributes are fixed, so equal contents give equal bytes.
 
 import io
 import json
+import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,18 +18,21 @@ import numpy as np
 from numpy.lib import format as npy_format
 
 from .._errors import InputError
+from ._entries import LONGEST_HEADER
 
 HEADER = "header.json"
-_LONGEST_HEADER = 1 << 22
+_LONGEST_DIRECTORY = 1 << 16
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _UNIX, _READABLE = 3, 0o644 << 16
 
 
 def write_archive(stream: BinaryIO, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
     """Write a header and named arrays; the same input gives the same bytes."""
+    text = json.dumps(header, indent=1, ensure_ascii=False, allow_nan=False).encode()
+    if len(text) > LONGEST_HEADER:
+        raise InputError(f"the provenance of the model takes {len(text)} bytes; a header holds {LONGEST_HEADER}")
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        text = json.dumps(header, indent=1, ensure_ascii=False, allow_nan=False)
-        _write(archive, HEADER, text.encode())
+        _write(archive, HEADER, text)
         for name, array in arrays.items():
             content = io.BytesIO()
             little = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"), copy=False)
@@ -35,12 +40,33 @@ def write_archive(stream: BinaryIO, header: Mapping[str, Any], arrays: Mapping[s
             _write(archive, f"{name}.npy", content.getvalue())
 
 
+class _Members(io.BufferedReader):
+    """A file whose list of members is not read if it is longer than that of a model file can be."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__(io.FileIO(file))
+        self.longest = _LONGEST_DIRECTORY
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > self.longest:
+            raise InputError(f"its list of members has {size} bytes; it is no model file")
+        return super().read(size)
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
+    """An archive with few members."""
+    with _Members(file) as stream, zipfile.ZipFile(stream) as archive:
+        stream.longest = sys.maxsize
+        yield archive
+
+
 def read_header(file: Path) -> dict[str, Any]:
     """Read the header of an archive, which is a JSON object.
 
     **Raises:** `InputError`, or what the zip reader raises for bytes that are no archive.
     """
-    with zipfile.ZipFile(file) as archive:
+    with _opened(file) as archive:
         return _header(archive, file.stat().st_size)
 
 
@@ -50,7 +76,7 @@ def read_archive(file: Path, dtypes: Mapping[str, str]) -> tuple[dict[str, Any],
     **Raises:** `InputError`, or what the zip reader raises for bytes that are no archive.
     """
     size = file.stat().st_size
-    with zipfile.ZipFile(file) as archive:
+    with _opened(file) as archive:
         names = set(archive.namelist())
         unknown = names - {HEADER} - {f"{name}.npy" for name in dtypes}
         if unknown:
@@ -91,8 +117,8 @@ def _content(archive: zipfile.ZipFile, name: str, size: int) -> tuple[bytes, int
 
 def _header(archive: zipfile.ZipFile, size: int) -> dict[str, Any]:
     content, offset = _content(archive, HEADER, size)
-    if len(content) > _LONGEST_HEADER:
-        raise InputError(f"its header has {len(content)} bytes, more than the {_LONGEST_HEADER} that are read")
+    if len(content) > LONGEST_HEADER:
+        raise InputError(f"its header has {len(content)} bytes, more than the {LONGEST_HEADER} that are read")
     try:
         header = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -115,7 +141,9 @@ def _array(archive: zipfile.ZipFile, name: str, size: int, dtype: np.dtype) -> n
     if found != dtype.newbyteorder("<") or fortran_order:
         raise InputError(f"{name} at byte {offset} holds {found}, where {dtype} in rows is expected")
     count = int(np.prod([int(length) for length in shape], dtype=object)) if shape else 1
-    body = content[stream.tell() :]
-    if min(shape, default=0) < 0 or count * dtype.itemsize != len(body):
-        raise InputError(f"{name} at byte {offset} declares the shape {shape}, but holds {len(body)} bytes of numbers")
-    return np.frombuffer(body, found).astype(dtype, copy=False).reshape(shape)
+    start = stream.tell()
+    if min(shape, default=0) < 0 or count * dtype.itemsize != len(content) - start:
+        raise InputError(
+            f"{name} at byte {offset} declares the shape {shape}, but holds {len(content) - start} bytes of numbers"
+        )
+    return np.frombuffer(content, found, offset=start).astype(dtype, copy=False).reshape(shape)

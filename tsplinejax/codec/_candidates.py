@@ -12,7 +12,7 @@ from ..data import HeightMap, quick_noise
 from ..fitting import fit
 from ..mesh import require_forest
 from ..surface import TSpline, heights_on_grid, make_surface
-from ._compressed import Mode, ModelPart, most_pixels
+from ._compressed import Mode, ModelPart, most_control_points, most_pixels
 from ._decompress import decode
 from ._entropy import Encoder
 from ._grid import MOST_UNITS, UNITS, HeightCoder
@@ -188,7 +188,8 @@ def _measured(
         "model": None if model is None else plain(asdict(model)),
     }
     draft = sealed(header, sections)
-    if data.heights.size > most_pixels(len(draft)):
+    points = 0 if model is None else model.control_points
+    if data.heights.size > most_pixels(len(draft)) or points > most_control_points(len(draft)):
         return None
     heights = decode(draft).heights
     error = largest_error(heights, data.heights)

@@ -16,7 +16,7 @@ from .._errors import InputError
 from ..fitting import FitResult
 from ..io._files import check_count, existing_file, reading, written_whole
 from ..mesh import TMesh, forest_from_boxes, from_rectangles
-from ..space import spline_space
+from ..space import bezier_elements, spline_space
 from ..surface import TSpline, make_surface
 from ._archive import read_archive, read_header, write_archive
 from ._decompress import NO_MODEL, compressed_header, decode_model, is_compressed
@@ -25,8 +25,9 @@ from ._model import surface_of_model
 
 MODEL_SUFFIX = ".tspl"
 
-#: Index cells of a mesh given by hand; rebuilding it takes a table of them.
-_MOST_CELLS = 1 << 26
+#: A mesh of n elements has at most this many functions on Bézier elements, plus so many for each element. Refinement
+#: keeps far below; a mesh of very different neighbours could ask for any memory.
+_FREE_ENTRIES, _ENTRIES_PER_ELEMENT = 1 << 19, 1 << 10
 
 
 def save(path: str | os.PathLike, model: TSpline | FitResult) -> Path:
@@ -55,6 +56,13 @@ def save(path: str | os.PathLike, model: TSpline | FitResult) -> Path:
     if not np.isfinite(points).all():
         raise InputError("a model file holds finite control points, but these have NaN or infinity; fit again")
     tmesh = surface.space.mesh
+    tables = surface.space.tables
+    entries, most = int(surface.space.n_elements) * tables.functions.shape[1], _most_entries(tmesh.n_elements)
+    if entries > most:
+        raise InputError(
+            f"a model file is for meshes with at most {most} functions on Bézier elements, but this one has {entries}; "
+            "refine with AnalysisSuitable()"
+        )
     arrays = {"boxes": tmesh.boxes.astype(np.int32), "control_points": points}
     if tmesh.lines is not None:
         arrays |= {"lines_s": tmesh.lines[0], "lines_t": tmesh.lines[1]}
@@ -95,7 +103,9 @@ def load(path: str | os.PathLike, *, dtype: DTypeLike | None = None) -> TSpline:
             raise InputError(
                 f"its mesh has {tmesh.n_anchors} anchors, but there are {header.control_points} control points"
             )
-        space = spline_space(tmesh, dtype=header.dtype if dtype is None else dtype, rational=header.rational)
+        elements = bezier_elements(tmesh, most=_most_entries(tmesh.n_elements))
+        kind = header.dtype if dtype is None else dtype
+        space = spline_space(tmesh, dtype=kind, rational=header.rational, elements=elements)
         return make_surface(space, arrays["control_points"], header.frame)
 
 
@@ -155,6 +165,11 @@ def checked_target(path: str | os.PathLike) -> Path:
     return target
 
 
+def _most_entries(elements: int) -> int:
+    """How many entries the table of functions of a mesh of so many elements may have."""
+    return _FREE_ENTRIES + _ENTRIES_PER_ELEMENT * elements
+
+
 def _check_shapes(header: ModelHeader, arrays: dict[str, np.ndarray], lines: set[str]) -> None:
     """Arrays complete, of the sizes that the header declares, and finite."""
     missing = {"boxes", "control_points"} | lines
@@ -196,9 +211,9 @@ def _check_lines(boxes: np.ndarray, lines: list[np.ndarray]) -> None:
     for knots in lines:
         if knots.ndim != 1 or len(knots) < 2 or (np.diff(knots) <= 0).any() or (knots[0], knots[-1]) != (0.0, 1.0):
             raise InputError("its knot lines do not rise from 0 to 1; it was damaged: copy it again")
-    cells = (len(lines[0]) - 1) * (len(lines[1]) - 1)
-    if cells > _MOST_CELLS:
-        raise InputError(f"its mesh has {cells} index cells, more than the {_MOST_CELLS} that are read")
+    cells, most = (len(lines[0]) - 1) * (len(lines[1]) - 1), _most_entries(len(boxes))
+    if 16 * cells > most:
+        raise InputError(f"its mesh has {cells} index cells, more than the {most // 16} that are read")
     counts = [len(lines[k % 2]) for k in range(4)]
     if (boxes < 0).any() or (boxes >= counts).any():
         raise InputError("its elements lie outside its knot lines; it was damaged: copy it again")

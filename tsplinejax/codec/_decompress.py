@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .._errors import InputError
 from ..data import HeightMap
-from ..io._files import check_count, existing_file, reading
+from ..io._files import MOST_VALUES, existing_file, reading
 from ..surface import heights_on_grid
 from ._compressed import CompressedHeader, parse_compressed
 from ._entropy import Decoder
@@ -114,15 +114,13 @@ def decode(content: bytes) -> Decoded:
     if header.mode == "lossless":
         heights = decode_exactly(sections[2], dtype, missing)
     else:
-        base = np.float64(header.offset)
         if header.model is not None:
             require_x64()
             model = code_model(coder, header.model, None)
-            base = heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
         with np.errstate(over="ignore"):
-            heights = _corrected(header, coder, missing, base).astype(dtype)
+            heights = _heights(header, coder, missing, model).astype(dtype, copy=False)
         heights[missing] = np.nan
-    if not np.isfinite(heights[~missing]).all():
+    if not (np.isfinite(heights) | missing).all():
         raise InputError("its heights are not finite; it was damaged: copy it again")
     return Decoded(header, heights, model)
 
@@ -137,7 +135,7 @@ def decode_model(content: bytes) -> tuple[CompressedHeader, RoundedModel]:
     return header, code_model(coder, header.model, None)
 
 
-def read_file(content: bytes) -> tuple[CompressedHeader, list[bytes]]:
+def read_file(content: bytes) -> tuple[CompressedHeader, list[memoryview]]:
     """The header and as many sections as its mode has."""
     entries, sections = opened(content)
     header = parse_compressed(entries, len(content))
@@ -146,13 +144,21 @@ def read_file(content: bytes) -> tuple[CompressedHeader, list[bytes]]:
     return header, sections
 
 
-def _corrected(
-    header: CompressedHeader, coder: Decoder, missing: np.ndarray, base: np.ndarray | np.float64
+def _heights(
+    header: CompressedHeader, coder: Decoder, missing: np.ndarray, model: RoundedModel | None
 ) -> Float[np.ndarray, "rows columns"]:
-    """Heights: a base, and where there are any, corrections of single pixels."""
-    if header.model is not None and not header.model.residual:
+    """Pixels above the offset, or a T-spline with corrections of single pixels where there are any."""
+    corrections = None
+    if header.model is None or header.model.residual:
+        # Before the T-spline is evaluated: damaged numbers end before memory is taken for all pixels.
+        corrections = HeightCoder(coder, missing, None).run() * (header.step / UNITS)
+    base = (
+        header.offset if model is None else heights_on_grid(surface_of_model(header, model, np.float64), header.shape)
+    )
+    if corrections is None:
         return np.asarray(base)
-    return base + HeightCoder(coder, missing, None).run() * (header.step / UNITS)
+    corrections += base
+    return corrections
 
 
 def _missing(header: CompressedHeader, coder: Decoder) -> np.ndarray:
@@ -174,7 +180,10 @@ def _checked_shape(shape: Sequence[int], own: tuple[int, int]) -> tuple[int, int
         raise InputError(f"a shape is (rows, columns), but got {shape!r}") from error
     if min(rows, columns, *own) < 2:
         raise InputError(f"grids of at least 2 × 2 pixels are interpolated; asked for {rows} × {columns} from {own}")
-    check_count(rows * columns, "pixels")
+    if rows * columns > MOST_VALUES:
+        raise InputError(
+            f"a grid has at most {MOST_VALUES} pixels; asked for {rows} × {columns}; choose a smaller shape"
+        )
     return rows, columns
 
 

@@ -227,40 +227,43 @@ class Decoder(AbstractCoder):
     **Raises:** `InputError` where the bytes end too early or are none of an encoder's.
     """
 
-    tokens: bytes
-    plain: bytes
+    tokens: bytes | memoryview
+    plain: bytes | memoryview
 
     def __post_init__(self) -> None:
         if len(self.tokens) % 4 != 1 or not 2 <= self.tokens[0] <= N_TOKENS:
             raise InputError(_DAMAGED)
         self._n_tokens = self.tokens[0]
-        words = np.frombuffer(self.tokens, "<u4", offset=1).astype(np.uint32)
+        words = np.frombuffer(self.tokens, "<u4", offset=1).astype(np.uint32, copy=False)
         # One word more than was written is read ahead of the last symbols.
         self._coder: Any = _streams().queue.RangeDecoder(np.concatenate([words, np.zeros(2, np.uint32)]))
         self._family = _family()
-        self._bits = np.unpackbits(np.frombuffer(self.plain, np.uint8))
+        self._plain = np.frombuffer(self.plain, np.uint8)
         self._place = 0
 
     def code(self, model: Model, contexts: Contexts, values: np.ndarray | None) -> np.ndarray:
         """Read as many numbers as there are contexts."""
-        tokens = np.empty(len(contexts[0]), np.int64)
-        for part in _batches(len(tokens)):
+        values = np.empty(len(contexts[0]), np.int64)
+        for part in _batches(len(values)):
             now = (contexts[0][part], contexts[1][part])
-            tokens[part] = self._tokens(model.frequencies(now, self._n_tokens))
-            model.update(now, tokens[part])
-        lengths = plain_lengths(tokens)
-        end = self._place + int(lengths.sum())
-        if end > len(self._bits):
+            tokens = self._tokens(model.frequencies(now, self._n_tokens))
+            model.update(now, tokens)
+            values[part] = join(tokens, self._rest(plain_lengths(tokens)))
+        return values
+
+    def _rest(self, lengths: np.ndarray) -> np.ndarray:
+        """The next numbers of plain bits."""
+        start, end = self._place, self._place + int(lengths.sum())
+        if end > 8 * len(self._plain):
             raise InputError(_DAMAGED)
-        rest = unpacked(self._bits[self._place : end], lengths)
         self._place = end
-        return join(tokens, rest)
+        return unpacked(np.unpackbits(self._plain[start >> 3 : (end + 7) >> 3])[start & 7 :], lengths)
 
     def _tokens(self, frequencies: np.ndarray) -> np.ndarray:
         """The next tokens; what is read beyond the end was never written."""
         if self._coder.maybe_exhausted():
             raise InputError(_DAMAGED)
         try:
-            return self._coder.decode(self._family, frequencies)
+            return self._coder.decode(self._family, frequencies).astype(np.int64)
         except (AssertionError, ValueError) as error:
             raise InputError(_DAMAGED) from error

@@ -12,7 +12,7 @@ that mean: cubic by default, or by least squares on the map itself where that is
 Everything is in whole numbers, `UNITS` to a step, so that every machine decodes the same heights.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,14 +32,21 @@ _MARGIN = 2
 #: Lower ends of the classes of activity and roughness that choose a distribution.
 _CLASSES = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112, 160, 224, 320, 448, 640])
 _ROUGH = 3
-_LARGEST = 1 << 20  # magnitudes count up to here in contexts
+_LARGEST = 1023  # magnitudes count up to here in contexts: beyond the highest class in any case
+_AT_A_TIME = 1 << 16  # pixels that are predicted at a time
+
+#: Arrays of one grid: each layer says something else about its pixels.
+Layers = tuple[np.ndarray, ...]
 
 Neighbour = tuple[str, int, int]
+
+#: The four planes of a grid: parity of row and column.
+_PARITIES = {"EE": (0, 0), "OO": (1, 1), "OE": (1, 0), "EO": (0, 1)}
 
 
 def _neighbours(parity: tuple[int, int], offsets: list[tuple[int, int]]) -> list[Neighbour]:
     """Plane and index offset there, of pixels at some offset from a pixel of a parity."""
-    names = {(0, 0): "EE", (1, 1): "OO", (1, 0): "OE", (0, 1): "EO"}
+    names = {place: name for name, place in _PARITIES.items()}
     found = []
     for down, right in offsets:
         row, column = parity[0] + down, parity[1] + right
@@ -97,18 +104,25 @@ PASSES = (
 
 def coarse_to_fine(
     shape: tuple[int, int],
-    top: Callable[[int, tuple[int, int]], np.ndarray],
-    between: Callable[[int, Pass, dict[str, np.ndarray], tuple[int, int]], np.ndarray],
+    top: Callable[[int, tuple[int, int]], Layers],
+    between: Callable[[int, Pass, dict[str, Layers], tuple[int, int]], Layers],
+    *,
+    straight: Sequence[bool],
 ) -> np.ndarray:
-    """Build a grid from its coarsest pixels down to stride 1.
+    """Build a grid from its coarsest pixels down to stride 1; its first layer is returned.
 
     **Arguments:**
 
-    - `top`: makes the layers (k, rows, columns) of the coarsest grid, from its stride and shape.
-    - `between`: makes those of one pass, from stride, pass, the planes so far, and the shape.
+    - `top`: makes the layers of the coarsest grid, from its stride and shape.
+    - `between`: makes those of one pass, from stride, pass, the planes so far with their margins, and the shape.
+    - `straight`: how each layer continues into a margin: in a straight line, or held.
 
     No array is larger than the grid of the stride at hand, so that damaged data end before they take memory.
     """
+
+    def with_margins(layers: Layers) -> Layers:
+        return tuple(extended(layer, straight=line) for layer, line in zip(layers, straight, strict=True))
+
     stride = 1
     while 2 * stride < max(shape):
         stride *= 2
@@ -116,17 +130,27 @@ def coarse_to_fine(
     while stride > 1:
         stride //= 2
         rows, columns = _size(shape, stride)
-        planes = {"EE": layers}
+        planes = {"EE": with_margins(layers)}
+        del layers
         for which in PASSES:
             down, right = which.parity
             size = ((rows + 1 - down) // 2, (columns + 1 - right) // 2)
-            planes[which.name] = between(stride, which, planes, size)
-        joined = np.empty((len(layers), rows, columns), layers.dtype)
-        joined[:, ::2, ::2] = layers
-        for which in PASSES:
-            joined[:, which.parity[0] :: 2, which.parity[1] :: 2] = planes[which.name]
-        layers = joined
-    return layers
+            planes[which.name] = with_margins(between(stride, which, planes, size))
+        if stride == 1:
+            planes = {name: plane[:1] for name, plane in planes.items()}
+        layers = tuple(
+            _joined([planes[name][k] for name in _PARITIES], (rows, columns)) for k in range(len(planes["EE"]))
+        )
+        del planes
+    return layers[0]
+
+
+def _joined(planes: list[np.ndarray], shape: tuple[int, int]) -> np.ndarray:
+    """The grid of four planes, without their margins."""
+    joined = np.empty(shape, planes[0].dtype)
+    for (down, right), plane in zip(_PARITIES.values(), planes, strict=True):
+        joined[down::2, right::2] = plane[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
+    return joined
 
 
 def _size(shape: tuple[int, int], stride: int) -> tuple[int, int]:
@@ -140,25 +164,36 @@ def of_pass(array: np.ndarray, stride: int, which: Pass) -> np.ndarray:
 
 
 def extended(plane: np.ndarray, *, straight: bool) -> np.ndarray:
-    """The plane with a margin, continued in a straight line or held."""
-    for axis in range(2):
-        width = [(0, 0), (0, 0)]
-        width[axis] = (_MARGIN, _MARGIN)
-        if plane.shape[axis] == 0:
-            plane = np.zeros((2 * _MARGIN, plane.shape[1]) if axis == 0 else (plane.shape[0], 2 * _MARGIN), plane.dtype)
-        elif straight and plane.shape[axis] > 1:
-            plane = np.pad(plane, width, mode="reflect", reflect_type="odd")
-        else:
-            plane = np.pad(plane, width, mode="edge")
-    return plane
+    """The plane with a margin, continued in a straight line or held; a single row or column is held without a copy."""
+    shape = tuple(count + 2 * _MARGIN for count in plane.shape)
+    if plane.size == 0:
+        return np.broadcast_to(plane.dtype.type(0), shape)
+    margins = [0 if count == 1 else _MARGIN for count in plane.shape]
+    padded = np.empty([count + 2 * margin for count, margin in zip(plane.shape, margins, strict=True)], plane.dtype)
+    inside = [slice(margin, margin + count) for count, margin in zip(plane.shape, margins, strict=True)]
+    padded[tuple(inside)] = plane
+    for lines, part in zip((padded, padded.T), inside, strict=True):
+        for step in range(1, part.start + 1):
+            for end, outward in ((part.start, -step), (part.stop - 1, step)):
+                lines[end + outward] = 2 * lines[end] - lines[end - outward] if straight else lines[end]
+    return np.broadcast_to(padded, shape)
 
 
-def total(planes: dict[str, np.ndarray], group: list[Neighbour], shape: tuple[int, int]) -> np.ndarray:
-    """Sum over a group of neighbours, from planes with margins."""
-    parts = [
-        planes[name][_MARGIN + down : _MARGIN + down + shape[0], _MARGIN + right : _MARGIN + right + shape[1]]
-        for name, down, right in group
-    ]
+def strips(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
+    """Windows of a few rows each that make up a grid, so that sums over neighbours take little memory."""
+    rows, columns = shape
+    height = max(1, _AT_A_TIME // max(1, columns))
+    for start in range(0, rows, height):
+        yield slice(start, min(start + height, rows)), slice(0, columns)
+
+
+def total(planes: dict[str, np.ndarray], group: list[Neighbour], window: tuple[slice, slice]) -> np.ndarray:
+    """Sum over a group of neighbours of the pixels in a window, from planes with margins."""
+    parts = []
+    for name, *offset in group:
+        start = [_MARGIN + step + part.start for step, part in zip(offset, window, strict=True)]
+        stop = [_MARGIN + step + part.stop for step, part in zip(offset, window, strict=True)]
+        parts.append(planes[name][start[0] : stop[0], start[1] : stop[1]])
     return sum(parts[1:], parts[0])
 
 
@@ -183,32 +218,35 @@ class HeightCoder:
 
     def run(self) -> Int[np.ndarray, "rows columns"]:
         """The heights in units, as they are decoded."""
-        return coarse_to_fine(self.missing.shape, self._top, self._between)[0]
+        return coarse_to_fine(self.missing.shape, self._top, self._between, straight=(True, False))
 
-    def _top(self, stride: int, shape: tuple[int, int]) -> np.ndarray:
+    def _top(self, stride: int, shape: tuple[int, int]) -> Layers:
         """The coarsest pixels, without a prediction."""
         wanted = None if self.target is None else self._steps(self.target[::stride, ::stride], 0)
         nowhere = np.zeros(shape, np.int64)
         steps = self._coded(number_model(1, 1), (nowhere, nowhere), wanted, np.ones(shape, bool))
-        return np.stack([steps * UNITS, np.zeros(shape, np.int64)])
+        return steps * UNITS, np.zeros(shape, np.uint16)
 
-    def _between(self, stride: int, which: Pass, planes: dict[str, np.ndarray], shape: tuple[int, int]) -> np.ndarray:
+    def _between(self, stride: int, which: Pass, planes: dict[str, Layers], shape: tuple[int, int]) -> Layers:
         """One pass: predict, correct."""
-        if 0 in shape:
-            return np.zeros((2, *shape), np.int64)
-        heights = {name: extended(layers[0], straight=True) for name, layers in planes.items()}
-        sizes = {name: extended(layers[1], straight=False) for name, layers in planes.items()}
-        base = total(heights, which.nearest, shape)
-        differences = [total(heights, group, shape) * (4 // len(group)) - base for group in which.groups]
+        heights, sizes = ({name: layers[k] for name, layers in planes.items()} for k in range(2))
         target = None if self.target is None else of_pass(self.target, stride, which)
-        weights = self._chosen_weights(stride, which, base, differences, target)
-        predicted = _predicted(base, differences, weights)
-        contexts = _contexts(which, sizes, differences, shape)
+        weights = self._chosen_weights(stride, which, heights, target, shape)
+        predicted = np.empty(shape, np.int64)
+        contexts = np.empty(shape, np.int8), np.empty(shape, np.int8)
+        for window in strips(shape):
+            base, differences = _terms(heights, which, window)
+            predicted[window] = _predicted(base, differences, weights)
+            contexts[0][window], contexts[1][window] = _contexts(sizes, which, differences, window)
         # Missing pixels count at coarse strides, where they carry the prediction across holes.
         coded = ~of_pass(self.missing, stride, which) | (stride > _FINE)
         wanted = None if target is None else self._steps(target, predicted)
         steps = self._coded(self.models[which.name], contexts, wanted, coded)
-        return np.stack([predicted + steps * UNITS, np.minimum(np.abs(steps), _LARGEST)])
+        size = np.abs(steps)
+        found = np.minimum(size, _LARGEST, out=size).astype(np.uint16)
+        steps *= UNITS
+        steps += predicted
+        return steps, found
 
     def _steps(self, target: np.ndarray, predicted: np.ndarray | int) -> np.ndarray:
         """Corrections as whole steps."""
@@ -224,19 +262,33 @@ class HeightCoder:
         return steps
 
     def _chosen_weights(
-        self, stride: int, which: Pass, base: np.ndarray, differences: list[np.ndarray], target: np.ndarray | None
+        self,
+        stride: int,
+        which: Pass,
+        heights: dict[str, np.ndarray],
+        target: np.ndarray | None,
+        shape: tuple[int, int],
     ) -> np.ndarray:
         """The weights of a pass: the usual ones, or at fine strides what the encoder found and wrote."""
         usual = np.array(which.weights)
-        if stride > _FINE or base.size < _ENOUGH:
+        if stride > _FINE or shape[0] * shape[1] < _ENOUGH:
             return usual
         change = None
         if target is not None:
             valid = ~of_pass(self.missing, stride, which)
+            base, differences = _terms(heights, which, (slice(0, shape[0]), slice(0, shape[1])))
             change = best_weights(base, differences, target, valid, usual) - usual
         nowhere = np.zeros(len(usual), np.int64)
         change = self.coder.code(self.weights, (nowhere, nowhere), change)
         return usual + np.clip(change, -2 * _LARGEST_WEIGHT, 2 * _LARGEST_WEIGHT)
+
+
+def _terms(
+    heights: dict[str, np.ndarray], which: Pass, window: tuple[slice, slice]
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Four times the mean of the nearest pixels, and what those of the further groups differ by, for a window."""
+    base = total(heights, which.nearest, window)
+    return base, [total(heights, group, window) * (4 // len(group)) - base for group in which.groups]
 
 
 def _predicted(base: np.ndarray, differences: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
@@ -248,11 +300,11 @@ def _predicted(base: np.ndarray, differences: list[np.ndarray], weights: np.ndar
 
 
 def _contexts(
-    which: Pass, sizes: dict[str, np.ndarray], differences: list[np.ndarray], shape: tuple[int, int]
+    sizes: dict[str, np.ndarray], which: Pass, differences: list[np.ndarray], window: tuple[slice, slice]
 ) -> tuple[np.ndarray, np.ndarray]:
     """What to expect of a correction: from the corrections around it, and from how rough the heights are."""
-    near = total(sizes, which.nearest, shape)
-    far = total(sizes, which.groups[-1], shape) + total(sizes, which.groups[-2], shape)
+    near = total(sizes, which.nearest, window)
+    far = total(sizes, which.groups[-1], window) + total(sizes, which.groups[-2], window)
     roughness = sum(np.abs(difference) for difference in differences) // (UNITS * len(differences))
     rough = np.searchsorted(_CLASSES, roughness, side="right") - 1
     active = np.searchsorted(_CLASSES, 2 * near + far, side="right") - 1

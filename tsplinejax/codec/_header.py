@@ -11,6 +11,7 @@ from ..data import Frame
 from ..fitting import FitResult
 from ..mesh import TMesh
 from ..surface import TSpline
+from ._entries import choice, counts, entry, pair
 from ._plain import plain
 
 FORMAT, VERSION = "tsplinejax model", 1
@@ -90,7 +91,7 @@ def parse_header(header: dict[str, Any]) -> ModelHeader:
     """The header after checking every entry."""
     if header.get("format") != FORMAT:
         raise InputError(f"its header does not say {FORMAT!r}; it is no model file")
-    version = _entry(header, "version", int)
+    version = entry(header, "version", int)
     if version > VERSION:
         raise InputError(
             f"it is of version {version} of the model file, and tsplinejax {__version__} reads up to {VERSION}; "
@@ -98,41 +99,16 @@ def parse_header(header: dict[str, Any]) -> ModelHeader:
         )
     lattice = header.get("lattice")
     return ModelHeader(
-        kind=_choice(header, "kind", ("heights", "points")),
-        frame=Frame(_pair(header, "origin"), _pair(header, "extent"), header.get("unit")),
-        lattice=None if lattice is None else _lattice(lattice),
-        first_cut=None if lattice is None else _choice(header, "first_cut", ("s", "t")),
-        border=_choice(header, "border", ("clamped", "open")),
-        rational=_entry(header, "rational", bool),
-        elements=_entry(header, "elements", int),
-        control_points=_entry(header, "control_points", int),
-        dtype=_choice(header, "dtype", ("float32", "float64")),
-        software=_entry(header, "software", str),
-        fit=_entry(header, "fit", dict),
-        provenance=_entry(header, "provenance", dict),
+        kind=choice(header, "kind", ("heights", "points")),
+        frame=Frame(pair(header, "origin"), pair(header, "extent"), header.get("unit")),
+        lattice=None if lattice is None else counts(header, "lattice"),
+        first_cut=None if lattice is None else choice(header, "first_cut", ("s", "t")),
+        border=choice(header, "border", ("clamped", "open")),
+        rational=entry(header, "rational", bool),
+        elements=entry(header, "elements", int),
+        control_points=entry(header, "control_points", int),
+        dtype=choice(header, "dtype", ("float32", "float64")),
+        software=entry(header, "software", str),
+        fit=entry(header, "fit", dict),
+        provenance=entry(header, "provenance", dict),
     )
-
-
-def _entry(header: dict[str, Any], name: str, kind: type) -> Any:
-    value = header.get(name)
-    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise InputError(f"its header's entry {name!r} is {value!r}, where {kind.__name__} is expected")
-    return value
-
-
-def _choice(header: dict[str, Any], name: str, choices: tuple[str, ...]) -> Any:
-    value = header.get(name)
-    if value not in choices:
-        raise InputError(f"its header's entry {name!r} is {value!r}, where one of {', '.join(choices)} is expected")
-    return value
-
-
-def _pair(header: dict[str, Any], name: str) -> tuple[float, float]:
-    return tuple(_entry(header, name, list))  # pyright: ignore[reportReturnType] -- Frame checks that it is a pair
-
-
-def _lattice(value: Any) -> tuple[int, int]:
-    """Two counts; that they suit the boxes is checked with the mesh."""
-    if not (isinstance(value, list) and len(value) == 2 and all(type(count) is int and count > 0 for count in value)):
-        raise InputError(f"its header's lattice is {value!r}, where two counts are expected")
-    return value[0], value[1]

@@ -7,6 +7,9 @@ from jaxtyping import Bool, Float
 
 from .._errors import InputError
 
+#: Deflate packs no more bytes than this into one.
+_MOST_INFLATED = 1032
+
 
 def encode_exactly(heights: Float[np.ndarray, "rows columns"], missing: Bool[np.ndarray, "rows columns"]) -> bytes:
     """The valid heights, so that they come back to the last bit."""
@@ -21,27 +24,46 @@ def encode_exactly(heights: Float[np.ndarray, "rows columns"], missing: Bool[np.
 
 
 def decode_exactly(
-    content: bytes, dtype: np.dtype, missing: Bool[np.ndarray, "rows columns"]
+    content: bytes | memoryview, dtype: np.dtype, missing: Bool[np.ndarray, "rows columns"]
 ) -> Float[np.ndarray, "rows columns"]:
     """The heights that were encoded, NaN where they are missing.
 
     **Raises:** `InputError` where there are not as many as there are valid pixels.
     """
     words = _unsigned(dtype)
-    size = int(np.count_nonzero(~missing)) * words.itemsize
-    inflate = zlib.decompressobj()
-    try:
-        planes = inflate.decompress(content, size + 1)
-    except zlib.error as error:
-        raise InputError(f"its heights cannot be unpacked: {error}") from error
-    if len(planes) != size:
-        raise InputError(f"its heights take {len(planes)} bytes, where {size} are needed")
-    steps = np.frombuffer(planes, np.uint8).reshape(words.itemsize, -1).T.copy().view(words.newbyteorder("<"))
-    ordered = np.cumsum(steps.ravel().astype(words), dtype=words)
+    # In place where it can be: the largest maps that fit into memory shall be read.
+    ordered = _inflated(content, missing.size - int(np.count_nonzero(missing)), words)
+    np.cumsum(ordered, out=ordered)
     top = words.type(1) << words.type(8 * words.itemsize - 1)
+    negative = ordered < top
+    np.bitwise_xor(ordered, top, out=ordered, where=~negative)
+    np.invert(ordered, out=ordered, where=negative)
     heights = np.full(missing.shape, np.nan, dtype)
-    heights[~missing] = np.where(ordered & top, ordered ^ top, ~ordered).view(dtype)
+    heights[~missing] = ordered.view(dtype)
     return heights
+
+
+def _inflated(content: bytes | memoryview, count: int, words: np.dtype) -> np.ndarray:
+    """As many numbers as asked for, from their byte planes one by one."""
+    size = count * words.itemsize
+    if size > _MOST_INFLATED * len(content):
+        raise InputError(
+            f"its heights take {size} bytes, which {len(content)} cannot hold: it was damaged; copy it again"
+        )
+    numbers = np.empty((count, words.itemsize), np.uint8)
+    inflate, rest = zlib.decompressobj(), content
+    try:
+        for k in range(words.itemsize):
+            plane, rest = inflate.decompress(rest, count), inflate.unconsumed_tail
+            if len(plane) < count:
+                raise ValueError("they end too early")
+            numbers[:, k] = np.frombuffer(plane, np.uint8)
+        more = inflate.decompress(rest, 1)
+    except (zlib.error, ValueError) as error:
+        raise InputError(f"its heights cannot be unpacked: {error}; it was damaged: copy it again") from error
+    if more:
+        raise InputError(f"its heights take more than the {size} bytes that are needed; it was damaged: copy it again")
+    return numbers.view(words.newbyteorder("<")).ravel().astype(words, copy=False)
 
 
 def _unsigned(dtype: np.dtype) -> np.dtype:

@@ -1,6 +1,11 @@
 """Measured data: height maps, point clouds, the samples a fit receives, units, and synthetic surfaces."""
 
 from ._as_data import as_data as as_data
+from ._cautions import (
+    is_spiked as is_spiked,
+    robust_span as robust_span,
+    tolerance_cautions as tolerance_cautions,
+)
 from ._frame import Frame as Frame
 from ._height_map import HeightMap as HeightMap
 from ._noise import (

@@ -39,7 +39,7 @@ class Frame:
             if length <= 0:
                 raise InputError(
                     f"a surface needs a positive extent along x and y, but along {name} it is {length:g}: "
-                    "data on one line (or in one point) are not a surface"
+                    "data on one line (or in one point) are not a surface; keep at least two rows and columns"
                 )
 
     def parameters_of(self, x: ArrayLike, y: ArrayLike) -> Float[np.ndarray, "m 2"]:

@@ -137,6 +137,11 @@ def parse_length(length: float | str, unit: str | None) -> float:
 
 def _parse_text(text: str, unit: str | None) -> float:
     match = _LENGTH.fullmatch(text)
+    if text.rstrip().endswith("%"):
+        raise InputError(
+            f"a length is a number with an optional unit such as '5nm', but got the share {text!r}; a share of the "
+            "range is given as relative_tolerance=0.01 (--relative-tolerance 1%)"
+        )
     if match is None:
         raise InputError(f"a length is a number with an optional unit such as '5nm' or '0.8um', but got {text!r}")
     number, suffix = float(match[1]), match[2]

@@ -288,7 +288,7 @@ def _check(height_map: Any, exact: bool, smooth_all: bool, criterion: dict[str, 
         raise InputError("exact=True keeps every measured pixel, smooth_all=True none; give one of the two")
     given = [name for name, value in criterion.items() if value is not None]
     if given and not smooth_all:
-        raise InputError(f"{given[0]} ends the fit of smooth_all=True; give both, or neither")
+        raise InputError(f"{given[0]} ends the fit of smooth_all=True (--smooth-all); give both, or neither")
 
 
 def _sides(spacing: tuple[float, float]) -> tuple[float, float]:

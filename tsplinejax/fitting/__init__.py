@@ -21,6 +21,7 @@ from ._engines import (
 )
 from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
 from ._lstsq import lstsq as lstsq
+from ._options import resolved_limit as resolved_limit
 from ._problem import Budget as Budget, Problem as Problem, scaled_lattice as scaled_lattice
 from ._result import FitResult as FitResult, Step as Step, StopReason as StopReason
 from ._shared import SharedFit as SharedFit, fit_shared as fit_shared

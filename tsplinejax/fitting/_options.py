@@ -15,8 +15,11 @@ from ..data import (
     as_data,
     estimate_noise,
     find_outliers,
+    is_spiked,
     parse_length,
     quick_noise,
+    robust_span,
+    tolerance_cautions,
 )
 from ._distributed import surveyed
 from ._engines import AbstractEngine
@@ -95,7 +98,7 @@ def read_request(
         if estimate.texture_limited:
             warnings.append(estimate.note)
         return Request(held, None, estimate, robust, tuple(warnings))
-    limit = _limit_of(tolerance, relative_tolerance, held.range, samples.frame.unit)
+    limit = resolved_limit(tolerance, relative_tolerance, held.range, samples.frame.unit)
     sigma = quick_noise(source) if samples.dimension == 1 else 0.0
     warnings.extend(_limit_warnings(limit, held.range, sigma))
     return Request(held, limit, None, robust, tuple(warnings))
@@ -129,7 +132,7 @@ def read_stored_request(
         if estimate.texture_limited:
             warnings.append(estimate.note)
         return Request(source, None, replace(estimate, slope_coefficient=0.0), False, tuple(warnings))
-    limit = _limit_of(tolerance, relative_tolerance, source.range, stored.unit)
+    limit = resolved_limit(tolerance, relative_tolerance, source.range, stored.unit)
     warnings.extend(_limit_warnings(limit, source.range, estimate_noise(part).sigma))
     return Request(source, limit, None, False, tuple(warnings))
 
@@ -140,8 +143,16 @@ def _require_one_criterion(*options: Length | None) -> None:
         raise InputError("give at most one of tolerance, relative_tolerance and noise; several were given")
 
 
-def _limit_of(tolerance: Length | None, relative_tolerance: float | None, spread: float, unit: str | None) -> float:
-    """The largest error allowed, in the data's unit."""
+def resolved_limit(
+    tolerance: Length | None, relative_tolerance: float | None, spread: float, unit: str | None
+) -> float:
+    """The largest error allowed, in the data's unit, as a length or as a share of the range.
+
+    **Raises:** `InputError` for one that is not above zero, and for a share of a range of zero.
+
+    >>> resolved_limit(None, 0.25, 4.0, "mm")
+    1.0
+    """
     if tolerance is not None:
         return _positive(parse_length(tolerance, unit), "a tolerance", tolerance)
     assert relative_tolerance is not None
@@ -154,17 +165,8 @@ def _limit_of(tolerance: Length | None, relative_tolerance: float | None, spread
 
 def _limit_warnings(limit: float, spread: float, sigma: float) -> list[str]:
     """A tolerance that shows nothing of the surface, or follows the noise."""
-    warnings = []
-    if spread > 0 and limit > spread / 2:
-        warnings.append(
-            f"the tolerance {limit:.4g} is above half the range {spread:.4g}: the fit will hardly show the surface"
-        )
-    if limit < sigma:
-        warnings.append(
-            f"the tolerance {limit:.4g} is below the estimated noise {sigma:.4g}: the fit will follow the noise; "
-            "use noise='auto' (--noise auto) to stop there"
-        )
-    return warnings
+    remedy = "use noise='auto' (--noise auto) to stop there"
+    return tolerance_cautions(limit, spread, sigma, result="the fit", remedy=remedy)
 
 
 def _samples_of(source: HeightMap | PointCloud | Samples, weights: ArrayLike | None, as_surface: bool) -> Samples:
@@ -218,12 +220,12 @@ def _data_warnings(samples: Samples, counted: Bool[np.ndarray, " m"], robust: bo
     if samples.dimension != 1:
         return []
     values, places = samples.values[counted, 0].astype(np.float64), samples.parameters[counted]
-    spread = np.ptp(values)
+    spread = float(np.ptp(values))
     warnings = []
-    low, high = np.quantile(values, [0.001, 0.999])
-    if not robust and spread > 3 * (high - low) and len(values) > 100:
+    span = robust_span(values)
+    if not robust and is_spiked(spread, span) and len(values) > 100:
         warnings.append(
-            f"the range {spread:.4g} is more than three times the 0.1-99.9 % span {high - low:.4g}: spikes: "
+            f"the range {spread:.4g} is more than three times the 0.1-99.9 % span {span:.4g}: spikes: "
             "use robust=True (--robust)"
         )
     if spread > 0 and len(values) > 3:

@@ -18,6 +18,7 @@ from ._regular_grid import full_grid
 
 _MAP_TITLE = "tsplinejax height map"
 _CLOUD_TITLE = "tsplinejax point cloud"
+_LONGEST_REASON = 120
 
 
 def read_table(file: Path) -> RawMap | RawCloud:
@@ -92,14 +93,24 @@ def _table(text: str) -> np.ndarray:
     if lines and _names_columns(lines[0]):
         lines = lines[1:]
     if not lines:
-        raise InputError("it holds no numbers")
+        raise InputError("it holds no numbers; export it again as a table of heights, or of x, y, z")
     delimiter = next((mark for mark in ";,\t" if mark in lines[0]), None)
     body = re.sub(r"(?i)no\s+data|(?<![\w.])-{2,}(?![\w.])", "nan", "\n".join(lines))
     if delimiter == ";":
         body = body.replace(",", ".")
     if delimiter is not None:
         body = _with_empty_cells(body, delimiter)
-    return np.loadtxt(io.StringIO(body), delimiter=delimiter, ndmin=2)
+    try:
+        return np.loadtxt(io.StringIO(body), delimiter=delimiter, ndmin=2)
+    except ValueError as error:
+        raise InputError(
+            f"a table holds numbers alone, in rows of one length, below at most a line 'x,y,z' and comments that start "
+            f"with #; received {_shortened(str(error))}; take other lines out, or mark them with #"
+        ) from error
+
+
+def _shortened(reason: str) -> str:
+    return reason.rstrip(".") if len(reason) <= _LONGEST_REASON else reason[:_LONGEST_REASON] + " ..."
 
 
 def _names_columns(line: str) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data import Frame, HeightMap, PointCloud, Samples, as_data
+from ..surface import parameter_grid
 
 #: Pixels a side that are drawn at most: 300 to the inch over the height of a page's column.
 MOST_PIXELS = 1200
@@ -96,16 +97,6 @@ def raster_of_surface(surface: Any, most: int = 400) -> Raster:
     heights = np.asarray(surface(parameter_grid(rows, columns)), dtype=np.float64)
     heights = heights.reshape(rows, columns, -1)[:, :, -1]
     return _centred(heights, frame.origin, (frame.extent[0] / (columns - 1), frame.extent[1] / (rows - 1)), frame.unit)
-
-
-def parameter_grid(rows: int, columns: int) -> Float[np.ndarray, "m 2"]:
-    """Return the parameters of a regular grid over [0, 1]², row by row.
-
-    >>> parameter_grid(2, 2)[1]
-    array([1., 0.])
-    """
-    t, s = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
-    return np.stack([s.ravel(), t.ravel()], axis=1)
 
 
 def grid_shape(extent: tuple[float, float], most: int) -> tuple[int, int]:

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import require
+from ..surface import parameter_grid
 from ._height_map import height_limits
-from ._raster import grid_shape, parameter_grid
+from ._raster import grid_shape
 from ._style import (
     HEIGHT_COLOURS,
     display_unit,

@@ -5,14 +5,19 @@ element of the mesh, or a piece that further bisections of it would give: the pi
 that a local knot of a function alive there cuts. On a mesh given by hand every index cell is one.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Int
 
+from .._errors import InputError
 from ..mesh import TMesh, bisect_cells, cell_boxes
 from ._spans import NOBODY, cut_in_vain, lay_out, likely_pieces
+
+# Functions on an element of an analysis-suitable mesh.
+_LEAST_WIDTH = 16
 
 Locate = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -39,15 +44,18 @@ class BezierElements:
         return len(self.boxes)
 
 
-def bezier_elements(tmesh: TMesh) -> BezierElements:
+def bezier_elements(tmesh: TMesh, *, most: float = math.inf) -> BezierElements:
     """The Bézier elements of a T-mesh.
+
+    **Raises:** `InputError` where their table of functions would have more than `most` entries: on a mesh that is not
+    analysis-suitable, elements side by side of very different sizes take any number of them.
 
     >>> from tsplinejax.mesh import b_lattice
     >>> bezier_elements(b_lattice(3, 2)).functions.shape
     (6, 16)
     """
     elements = None if tmesh.forest is None else by_spans(tmesh)
-    return by_cutting(tmesh) if elements is None else elements
+    return by_cutting(tmesh, most=most) if elements is None else elements
 
 
 def by_spans(tmesh: TMesh) -> BezierElements | None:
@@ -65,13 +73,13 @@ def by_spans(tmesh: TMesh) -> BezierElements | None:
     return BezierElements(pieces.boxes, pieces.owner, table, pieces.levels, pieces.codes)
 
 
-def by_cutting(tmesh: TMesh) -> BezierElements:
-    """The Bézier elements of any T-mesh."""
+def by_cutting(tmesh: TMesh, *, most: float = math.inf) -> BezierElements:
+    """The Bézier elements of any T-mesh; at most so many entries in their table of functions."""
     knots = tmesh.local_knots
     supports = np.stack([knots[:, 0, 0], knots[:, 1, 0], knots[:, 0, 4], knots[:, 1, 4]], axis=1)
     supports = np.clip(supports, 0, np.tile(tmesh.extent, 2))
     if tmesh.forest is None:
-        return _index_cells(tmesh, supports)
+        return _index_cells(tmesh, supports, most)
     forest = tmesh.forest
     levels, codes, boxes = forest.levels, forest.codes, tmesh.boxes
     owner = np.arange(len(codes))
@@ -83,19 +91,21 @@ def by_cutting(tmesh: TMesh) -> BezierElements:
         cut[cell[open_pairs][cut_by_knots(knots[function[open_pairs]], boxes[cell[open_pairs]])]] = True
         if not cut.any():
             break
+        _check_entries(len(codes) + int(np.count_nonzero(cut)), _LEAST_WIDTH, most)
         levels, codes, parent = bisect_cells(levels, codes, cut)
         owner, boxes = owner[parent], cell_boxes(forest.first_cut, levels, codes)
         function, cell, open_pairs = _inherit(function, cell, cut, parent, boxes, supports)
-    return BezierElements(boxes, owner, _table(function, cell, len(codes), len(knots)), levels, codes)
+    return BezierElements(boxes, owner, _table(function, cell, len(codes), len(knots), most), levels, codes)
 
 
-def _index_cells(tmesh: TMesh, supports: np.ndarray) -> BezierElements:
+def _index_cells(tmesh: TMesh, supports: np.ndarray, most: float) -> BezierElements:
     """Every index cell of a mesh given by hand."""
     columns, rows = tmesh.extent
+    _check_entries(columns * rows, _LEAST_WIDTH, most)
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
     boxes = np.stack([x, y, x + 1, y + 1], axis=1)
     function, cell = _overlaps(supports, boxes, lambda x, y: x * rows + y)
-    return BezierElements(boxes, tmesh.locate(x, y), _table(function, cell, len(boxes), len(supports)))
+    return BezierElements(boxes, tmesh.locate(x, y), _table(function, cell, len(boxes), len(supports), most))
 
 
 def _overlaps(supports: np.ndarray, boxes: np.ndarray, locate: Locate) -> tuple[np.ndarray, np.ndarray]:
@@ -148,11 +158,22 @@ def _inherit(
     return function[alive], new_cell[alive], touched[alive]
 
 
-def _table(function: np.ndarray, cell: np.ndarray, n_cells: int, n_functions: int) -> np.ndarray:
+def _table(function: np.ndarray, cell: np.ndarray, n_cells: int, n_functions: int, most: float) -> np.ndarray:
     """The pairs as a padded table, one row a cell, functions ascending."""
     order = np.argsort(cell * n_functions + function)
     function, cell = function[order], cell[order]
     counts = np.bincount(cell, minlength=n_cells)
-    table = np.full((n_cells, -(-int(counts.max()) // 16) * 16), -1, np.int32)
+    width = -(-int(counts.max()) // _LEAST_WIDTH) * _LEAST_WIDTH
+    _check_entries(n_cells, width, most)
+    table = np.full((n_cells, width), -1, np.int32)
     table[cell, np.arange(len(cell)) - np.repeat(np.cumsum(counts) - counts, counts)] = function
     return table
+
+
+def _check_entries(elements: int, width: int, most: float) -> None:
+    """Refuse a table of functions before memory is taken for it."""
+    if elements * width > most:
+        raise InputError(
+            f"the mesh has {elements} Bézier elements with up to {width} functions each, more than the {most} entries "
+            "that are allowed; refine with AnalysisSuitable() instead"
+        )

@@ -1,4 +1,4 @@
-"""Heights of a surface at the pixels of a map."""
+"""Regular grids over a surface, and its heights at the pixels of a map."""
 
 import numpy as np
 from jaxtyping import Float
@@ -27,3 +27,13 @@ def heights_on_grid(surface: TSpline, shape: tuple[int, int]) -> Float[np.ndarra
         parameters = np.stack(np.broadcast_arrays(s[None, :], part[:, None]), axis=-1).reshape(-1, 2)
         heights[start : start + rows] = np.asarray(surface(parameters)).reshape(len(part), -1)
     return heights
+
+
+def parameter_grid(rows: int, columns: int) -> Float[np.ndarray, "m 2"]:
+    """The parameters of a regular grid over [0, 1]², row by row.
+
+    >>> parameter_grid(2, 2)[1]
+    array([1., 0.])
+    """
+    t, s = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
+    return np.stack([s.ravel(), t.ravel()], axis=1)
