@@ -41,6 +41,16 @@ def test_too_few_samples_are_smoothed_and_it_is_said():
     assert np.abs(np.asarray(result.surface(places)) - np.asarray(model(places))).max() < data.range
 
 
+def test_fewer_samples_than_control_points_are_met_where_that_is_well_posed():
+    """Half of the pixels' worth of a wave over a lattice as fine as the grid: a trace of smoothing, no averaging."""
+    places = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 20)]), axis=-1).reshape(-1, 2)[::2]
+    wave = np.sin(9 * places[:, 0]) * np.cos(7 * places[:, 1])
+    result = tsj.reconstruct((places, wave), tsj.spline_space(tsj.b_lattice(20, 20)))
+    assert 0 < result.smoothing < 1e-6
+    assert result.noise_gain < 3
+    assert result.max_error < 1e-3
+
+
 def test_automatic_smoothing_is_near_the_best_there_is():
     """Noisy random samples: the error with the λ of least GCV is within a third of the least over all λ."""
     data, model = structured()

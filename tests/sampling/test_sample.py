@@ -5,6 +5,7 @@ import pytest
 
 import tsplinejax as tsj
 from tsplinejax.data import freeform_artefact, saddle_with_texture
+from tsplinejax.mesh import is_analysis_suitable
 from tsplinejax.sampling._measured import nearest
 
 from .surfaces import random_model, structured
@@ -118,6 +119,36 @@ def test_adaptive_sampling_of_data_keeps_what_is_missed_most():
         for name in ("adaptive", "greville", "random")
     }
     assert errors["adaptive"] < errors["greville"] < errors["random"]
+
+
+def _grooved() -> tsj.HeightMap:
+    """A ring's steep wall and a few grooves two pixels wide, which a model to 5 % does not have."""
+    y, x = np.mgrid[0:64, 0:64] / 63
+    groove = np.exp(-(((x + 0.3 * y - 0.6) / 0.02) ** 2)) + np.exp(-(((y - 0.8) / 0.02) ** 2))
+    return tsj.HeightMap(np.tanh(20 * (np.hypot(x - 0.4, y - 0.5) - 0.25)) - 0.1 * groove, 1 / 63)
+
+
+def test_adaptive_sampling_of_data_brings_room_for_its_samples():
+    """The T-mesh is refined until the surface meets every sample; the given model stays in its space."""
+    data = _grooved()
+    model = tsj.fit(data, relative_tolerance=0.05).surface
+    size = round(1.2 * model.control_points.shape[0])
+    samples = tsj.sample(data, model=model, strategy="adaptive", size=size)
+    assert len(np.unique(samples.index)) == size
+    assert is_analysis_suitable(samples.model.space.mesh)
+    places = np.random.default_rng(0).random((2000, 2))
+    np.testing.assert_allclose(samples.model(places), model(places), atol=1e-10)
+    assert tsj.reconstruct(samples).max_error < 1e-3 * data.range
+
+
+def test_adaptive_sampling_of_data_follows_detail_that_the_model_lacks():
+    """From two samples a control point two thirds of the error of any strategy that does not look at the heights."""
+    data = _grooved()
+    model = tsj.fit(data, relative_tolerance=0.05).surface
+    others = ["greville", "greville-refined", "element-area", "curvature", "uniform"]
+    study = tsj.sampling_study(data, ["adaptive", *others], [2 * model.control_points.shape[0]], model=model)
+    errors = study.rms_errors[:, 0]
+    assert errors[0] < errors[1:].min() * 2 / 3
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--save-model",
         metavar="M.tspl",
         help="write the model whose T-mesh the samples belong to: what reconstruct needs, where none was given or "
-        "greville-refined refined it",
+        "the strategy refined it (greville-refined, adaptive)",
     )
     add_plot(group, "draw the places over the T-mesh")
     group = parser.add_argument_group("without --model the input is fitted first (none of these means --noise auto)")

@@ -1,12 +1,15 @@
 """Adaptive down-sampling: keep the measured samples that a reconstruction from the others misses most."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .._errors import InputError
+from ..fitting import SMALLEST
+from ..mesh import TMesh, refine
 from ..space import to_device
+from ..surface import TSpline, transfer
 from ._allocation import in_rows
 from ._greville import Greville
 from ._measured import nearest
@@ -22,7 +25,9 @@ class Adaptive(AbstractStrategy):
     """Down-sampling by what is known: start at Greville points, then add the samples that are reconstructed worst.
 
     For thinning data that have been measured (or a model): a sample is kept because of its value, not of its place
-    alone. Noise and outliers attract it; where they count, take `Greville()`.
+    alone. Noise and outliers attract it; where they count, take `Greville()`. Over measured data the T-mesh is refined
+    with the samples, to two to four control points each, so that the surface meets every one of them and bends least
+    between them: it follows detail that the given model lacks. That model comes with the samples.
 
     **Attributes:**
 
@@ -40,18 +45,25 @@ class Adaptive(AbstractStrategy):
                 f"{self.start!r} and {self.rounds!r}"
             )
 
-    def places(self, site: Site, size: int, rng: np.random.Generator) -> Float[np.ndarray, "size 2"]:
-        """Places of candidates: of the measured samples, or of sixteen in each Bézier element of a model."""
+    def planned(self, site: Site, size: int, rng: np.random.Generator) -> tuple[TSpline, Float[np.ndarray, "size 2"]]:
+        """The model over a T-mesh that follows the samples, and their places among the candidates.
+
+        Candidates are the measured samples, or sixteen places in each Bézier element of a model.
+        """
         places, values = _candidates(site, size)
-        piece = np.asarray(site.space.locator(to_device(places.astype(site.space.dtype))))
         first = min(size, max(int(self.start * size), 3))
         chosen = nearest(places, Greville().places(site, first, rng), site.sides)
+        over = _with_room(site, places[chosen])
         batch = -(-(size - first) // self.rounds)
         while len(chosen) < size:
-            misses = _misses(site, places, values, chosen)
-            worst = _worst_of_each(misses, piece, min(batch, size - len(chosen)))
+            worst = _worst(over, places, values, chosen, min(batch, size - len(chosen)))
             chosen = np.concatenate([chosen, worst])
-        return places[chosen]
+            over = _with_room(site, places[chosen])
+        return over.model, places[chosen]
+
+    def places(self, site: Site, size: int, rng: np.random.Generator) -> Float[np.ndarray, "size 2"]:
+        """Places of candidates."""
+        return self.planned(site, size, rng)[1]
 
 
 def _candidates(site: Site, size: int) -> tuple[Float[np.ndarray, "c 2"], Float[np.ndarray, "c d"]]:
@@ -66,19 +78,38 @@ def _candidates(site: Site, size: int) -> tuple[Float[np.ndarray, "c 2"], Float[
     return places, site.values(places).astype(np.float64)
 
 
-def _misses(site: Site, places: np.ndarray, values: np.ndarray, chosen: np.ndarray) -> Float[np.ndarray, " c"]:
-    """How far the reconstruction from the chosen candidates is from each; below zero for the chosen."""
+def _with_room(site: Site, places: Float[np.ndarray, "m 2"]) -> Site:
+    """For measured data: the model over a T-mesh in which a smooth surface meets any values at the places.
+
+    No element holds two of them, and those that hold one are halved once more, so that there are more blending
+    functions than samples everywhere: the bending energy says what the samples leave open.
+    """
+    if site.candidates is None or site.space.rational or site.tmesh.forest is None:
+        return site
+    tmesh, least = site.tmesh, SMALLEST / len(site.candidates)
+    while (crowded := _holding(tmesh, places, 2, least)).any():
+        tmesh = refine(tmesh, crowded).mesh
+    return replace(site, model=transfer(site.model, refine(tmesh, _holding(tmesh, places, 1, least)).mesh))
+
+
+def _holding(tmesh: TMesh, places: Float[np.ndarray, "m 2"], count: int, least: float) -> Bool[np.ndarray, " e"]:
+    """Elements of more than the least area that hold so many places."""
+    extent = np.asarray(tmesh.extent)
+    cells = np.clip((places * extent).astype(np.int64), 0, extent - 1)
+    held = np.bincount(tmesh.locate(cells[:, 0], cells[:, 1]), minlength=tmesh.n_elements)
+    lengths = tmesh.element_boxes[:, 2:] - tmesh.element_boxes[:, :2]
+    return (held >= count) & (lengths.prod(axis=1) > least)
+
+
+def _worst(site: Site, places: np.ndarray, values: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
+    """Candidates that a reconstruction from the chosen misses most; one in a Bézier element, where that is enough."""
     middle = values.mean(axis=0)
     trial = Regression(site, places[chosen], values[chosen] - middle).automatic()
     reached = surface_of(site, trial.points + middle)(places.astype(site.space.dtype))
     misses = np.linalg.norm(values - np.asarray(reached).reshape(values.shape), axis=1)
     misses[chosen] = -1.0
-    return misses
-
-
-def _worst_of_each(misses: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
-    """The candidates that are missed most, at most one in each Bézier element, where that is enough."""
     order = np.argsort(-misses)
     order = order[misses[order] >= 0]
+    piece = np.asarray(site.space.locator(to_device(places.astype(site.space.dtype))))
     _, first = np.unique(piece[order], return_index=True)
     return order[np.sort(first)][:count]

@@ -55,9 +55,10 @@ def reconstruct(
 
     - `samples`: a `SampleSet`, `Samples`, or a pair of parameters (m, 2) and values (m,), (m, 1) or (m, 3).
     - `space`: the space; a T-spline (of the nominal surface, say) brings its frame along. A `SampleSet` knows its own.
-    - `smoothing`: weight λ of the bending energy. `"auto"` is 0, plain least squares, where the samples determine the
-      surface without making their noise more than three times larger; else the λ of the least predicted error
-      (generalised cross validation, times 1 + g² with the noise gain g).
+    - `smoothing`: weight λ of the bending energy. `"auto"` is 0, plain least squares (for fewer samples than control
+      points a trace, which meets the samples and bends least between them), where noise at the samples then becomes at
+      most three times larger on the surface; else the λ of the least predicted error (generalised cross validation,
+      times 1 + g² with the noise gain g).
 
     **Returns:** a [`Reconstruction`][tsplinejax.Reconstruction].
 

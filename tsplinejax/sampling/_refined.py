@@ -34,8 +34,8 @@ class RefinedGreville(AbstractStrategy):
         """Two samples for each control point of the given model."""
         return 2 * site.control_points
 
-    def model_for(self, site: Site, size: int) -> TSpline:
-        """The model over the refined T-mesh.
+    def planned(self, site: Site, size: int, rng: np.random.Generator) -> tuple[TSpline, Float[np.ndarray, "size 2"]]:
+        """The model over the refined T-mesh and its Greville points; the largest leverage where its closure left room.
 
         **Raises:** `InputError` for a rational model, and one whose mesh was given by hand.
         """
@@ -51,11 +51,11 @@ class RefinedGreville(AbstractStrategy):
             if tmesh is None:
                 break
             site = replace(site, model=transfer(site.model, tmesh))
-        return site.model
+        return site.model, Greville().places(site, size, rng)
 
     def places(self, site: Site, size: int, rng: np.random.Generator) -> Float[np.ndarray, "size 2"]:
-        """Greville points of the refined mesh, and those of the largest leverage that its closure left no room for."""
-        return Greville().places(site, size, rng)
+        """Places on the refined mesh."""
+        return self.planned(site, size, rng)[1]
 
 
 def _bisected(tmesh: TMesh, scores: Float[np.ndarray, " e"], count: int, most: int) -> TMesh | None:

@@ -1,12 +1,15 @@
 """Least squares over a fixed space from few samples: is it well posed, and if not, how much smoothing it takes.
 
 The samples determine the control points where BᵀB is regular and noise at the samples comes out of it hardly larger
-than it went in. Otherwise the bending energy's weight λ is that of the least predicted error on the surface:
-generalised cross validation predicts m |r|² / (m - tr H)² at the samples, and where these leave gaps noise is larger
-between them, by 1 + g² with the noise gain g. Traces and gains come from random signs at the samples (Hutchinson).
+than it went in. Fewer samples than control points determine a surface where that holds with a trace of the bending
+energy, which fills what they leave open. Otherwise the energy's weight λ is that of the least predicted error on the
+surface: generalised cross validation predicts m |r|² / (m - tr H)² at the samples, and where these leave gaps noise is
+larger between them, by 1 + g² with the noise gain g. Traces and gains come from random signs at the samples
+(Hutchinson).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +22,8 @@ from ._site import Site
 
 PROBES = 8
 WELL_POSED = 3.0
+#: Of the smoothing that fills gaps: little enough to leave samples that lie close together alone.
+TRACE = 0.01
 #: Weights tried, in decades about the trace of smoothing that fills gaps only: what lies close together needs less.
 _LEAST, _MOST = -8, 6
 
@@ -27,15 +32,23 @@ _LEAST, _MOST = -8, 6
 class Trial:
     """A solution: control points, what random signs at the samples become, and what is left at the samples.
 
-    `left` is m - tr H, and `noise_gain` the rms on the surface of what unit noise at the samples becomes.
+    `left` is m - tr H.
     """
 
+    site: Site
     smoothing: float
     points: Float[np.ndarray, "n d"]
     responses: Float[np.ndarray, "n probes"]
     residuals: Float[np.ndarray, "m d"]
     left: float
-    noise_gain: float
+
+    @cached_property
+    def noise_gain(self) -> float:
+        """Rms, over the whole surface, of what unit noise at the samples becomes."""
+        design, shares = self.site.everywhere
+        return float(
+            np.sqrt(sum(shares[taken] @ ((band @ self.responses) ** 2).mean(axis=1) for taken, band in design))
+        )
 
     @property
     def score(self) -> float:
@@ -76,18 +89,20 @@ class Regression:
             left[taken] -= band @ points
         # wᵀ (I - H) w for signs w: no difference of large numbers where nearly nothing is left.
         freedom = float(np.mean(np.sum(self.columns[:, d:] * left[:, d:], axis=0)))
-        gain = _noise_gain(self.site, points[:, d:])
-        return Trial(smoothing, points[:, :d], points[:, d:], left[:, :d], freedom, gain)
+        return Trial(self.site, smoothing, points[:, :d], points[:, d:], left[:, :d], freedom)
 
     def automatic(self) -> Trial:
         """Least squares where it is well posed, else the smoothing of the least predicted error.
 
+        Fewer samples than control points are never enough by themselves, but with a trace of smoothing they may be.
+
         **Raises:** `InputError` where no smoothing helps: samples on one line.
         """
-        free = self.solved(0.0)
-        if free is not None and free.noise_gain <= WELL_POSED:
-            return free
-        trace, found = default_smoothing(len(self.columns)), {} if free is None else {0.0: free}
+        trace, found = default_smoothing(len(self.columns)), dict[float, Trial]()
+        least = 0.0 if len(self.columns) >= self.site.control_points else TRACE * trace
+        self._try(least, found)
+        if least in found and found[least].noise_gain <= WELL_POSED:
+            return found[least]
         for exponent in range(_LEAST, _MOST + 1, 2):
             self._try(trace * 10.0**exponent, found)
             if len(found) > 2 and min(found, key=lambda weight: found[weight].score) < trace * 10.0 ** (exponent - 3):
@@ -112,9 +127,3 @@ class Regression:
 def surface_of(site: Site, points: Float[np.ndarray, "n d"]) -> TSpline:
     """The surface with these control points, in the place of the site's model."""
     return make_surface(site.space, points[:, 0] if points.shape[1] == 1 else points, site.model.frame)
-
-
-def _noise_gain(site: Site, responses: Float[np.ndarray, "n probes"]) -> float:
-    """Rms of responses to unit noise, over the whole surface."""
-    design, shares = site.everywhere
-    return float(np.sqrt(sum(shares[taken] @ ((band @ responses) ** 2).mean(axis=1) for taken, band in design)))

@@ -23,7 +23,7 @@ class SampleSet:
     **Attributes:**
 
     - `samples`: values at parameters, as a fit takes them.
-    - `model`: the T-spline whose space they are to recover.
+    - `model`: the T-spline whose space they are to recover; some strategies refine the given one.
     - `strategy`: how their places were chosen.
     - `index`: (m,), which of the data they are: pixels of the flattened map, points of the cloud, rows of the samples;
       `None` where a model was sampled.
@@ -132,9 +132,8 @@ def drawn(
     site: Site, index: Int[np.ndarray, " m"] | None, strategy: AbstractStrategy, size: int, rng: np.random.Generator
 ) -> SampleSet:
     """The samples of a strategy at a site."""
-    model = strategy.model_for(site, size)
+    model, places = strategy.planned(site, size, rng)
     site = site if model is site.model else replace(site, model=model)
-    places = strategy.places(site, size, rng)
     if site.candidates is None:
         values = site.values(places.astype(site.space.dtype))
         return SampleSet(Samples(places, values, None, site.model.frame), site.model, strategy)

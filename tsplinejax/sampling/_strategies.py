@@ -24,9 +24,9 @@ class AbstractStrategy(ABC):
         """How many samples it takes where nobody says: as many as there are control points."""
         return site.control_points
 
-    def model_for(self, site: Site, size: int) -> TSpline:
-        """The model whose space so many samples are to recover: the site's own."""
-        return site.model
+    def planned(self, site: Site, size: int, rng: np.random.Generator) -> tuple[TSpline, Float[np.ndarray, "size 2"]]:
+        """The places, and the model whose space they are to recover: the site's own, unless a strategy refines it."""
+        return site.model, self.places(site, size, rng)
 
     @abstractmethod
     def places(self, site: Site, size: int, rng: np.random.Generator) -> Float[np.ndarray, "size 2"]:
