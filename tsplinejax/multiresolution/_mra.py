@@ -13,7 +13,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from .._errors import InputError
 from .._version import __version__
@@ -24,7 +26,7 @@ from ..space import resolve_dtype
 from ..surface import TSpline, heights_on_grid, make_surface, transfer
 from ._projection import AbstractProjection, LatticeProjection, MeshProjection
 from ._result import Band, Multiresolution
-from ._spaces import Spaces, adaptive_spaces, first_lattice, uniform_spaces
+from ._spaces import Level, Spaces, adaptive_spaces, first_lattice, uniform_spaces
 
 Length = float | str
 
@@ -91,28 +93,45 @@ def _checked(data: Any, levels: int | None, *tolerances: Length | None) -> Heigh
 
 def _projected(height_map: HeightMap, spaces: Spaces, dtype: np.dtype) -> tuple[list[TSpline], TSpline]:
     """The bands, and their sum in the finest space."""
-    centre = float(np.mean(height_map.heights, where=height_map.valid, dtype=np.float64))
+    valid, shape, frame = height_map.valid, height_map.shape, height_map.frame
+    centre = float(np.mean(height_map.heights, where=valid, dtype=np.float64))
     rest = height_map.heights.astype(np.float64) - centre
     bands: list[TSpline] = []
-    total: TSpline | None = None
-    for k, tmesh in enumerate(spaces.meshes):
-        band = _projection(height_map, spaces, k, dtype).of(rest)
-        rest = rest - heights_on_grid(band, height_map.shape)
-        if total is None:
-            band = total = make_surface(band.space, band.control_points + centre, height_map.frame)
-        else:
-            before = transfer(total, tmesh)
-            total = make_surface(band.space, before.control_points + band.control_points, height_map.frame)
-        bands.append(band)
-    assert total is not None
-    return bands, total
+    parts, at_pixels = None, [np.ones(np.count_nonzero(valid))]  # the constant, and every band about the centre
+    for level in spaces.levels:
+        raw = _projection(height_map, level, dtype).of(rest)
+        before = np.ones((len(raw.control_points), 1))
+        if parts is not None:
+            before = np.asarray(transfer(parts, level.tmesh).control_points)
+        shares, length = _orthogonalised(heights_on_grid(raw, shape)[valid], at_pixels, rest[valid])
+        band = make_surface(raw.space, length * (raw.control_points - before @ shares), frame)
+        heights = heights_on_grid(band, shape)
+        rest = rest - heights
+        at_pixels.append(heights[valid].astype(np.float64))
+        parts = replace(band, control_points=jnp.concatenate([before, band.control_points[:, None]], axis=1))
+        bands.append(band if bands else make_surface(band.space, band.control_points + centre, frame))
+    assert parts is not None
+    total = centre * parts.control_points[:, 0] + parts.control_points[:, 1:].sum(axis=1)
+    return bands, make_surface(parts.space, total, frame)
 
 
-def _projection(height_map: HeightMap, spaces: Spaces, k: int, dtype: np.dtype) -> AbstractProjection:
+def _orthogonalised(
+    band: Float[np.ndarray, " m"], before: list[Float[np.ndarray, " m"]], rest: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " k"], float]:
+    """How much of what came before a band still has, and by what to multiply it without that so that nothing of it is
+    left in the rest. Where gaps leave control points undetermined, projections are exact only with that.
+    """
+    shares = np.array([part @ band / max(part @ part, np.finfo(float).tiny) for part in before])
+    band = band - shares @ before
+    length = band @ rest / max(band @ band, np.finfo(float).tiny)
+    return shares, float(np.clip(length, 0.5, 2.0))  # a band of rounding errors alone has any
+
+
+def _projection(height_map: HeightMap, level: Level, dtype: np.dtype) -> AbstractProjection:
     """The projection onto a space."""
-    if spaces.lattices is not None and height_map.valid.all():
-        return LatticeProjection(height_map, spaces.meshes[k], spaces.lattices[k], dtype)
-    return MeshProjection(height_map, spaces.meshes[k], dtype)
+    if level.lattice is not None and height_map.valid.all():
+        return LatticeProjection(height_map, level, dtype)
+    return MeshProjection(height_map, level, dtype)
 
 
 def _analysis(
@@ -124,7 +143,7 @@ def _analysis(
     heights = heights_on_grid(total, height_map.shape).astype(np.float64)
     fitted = height_map.derived(heights, operation)
     remainder = height_map.derived(height_map.heights - heights, operation)
-    sizes = [_sizes(mesh, height_map.extent) for mesh in spaces.meshes]
+    sizes = [_sizes(level.tmesh, height_map.extent) for level in spaces.levels]
     bands = []
     for k, surface in enumerate(surfaces):
         part = height_map.derived(heights_on_grid(surface, height_map.shape), f"{operation}: band {k}")
