@@ -182,7 +182,7 @@ def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
         row = height_map.heights[len(height_map.heights) // 2]
         ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
     ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 34))
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.legend(frameon=False, fontsize=8, loc="center right")
     ax.spines[["top", "right"]].set_visible(False)
 
 

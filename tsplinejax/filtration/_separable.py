@@ -86,7 +86,7 @@ def _differentiation(knots: np.ndarray, order: int) -> "csr_array":
 
 
 def halved_ends(elements: int) -> "csr_array":
-    """From control points where end elements are twice as wide to those on `elements` equal ones (Boehm's insertion)."""
+    """From control points on a `wide` axis to those on all of its equal elements (Boehm's knot insertion)."""
     from scipy.sparse import csr_array, diags_array, eye_array
 
     lines = np.delete(np.arange(elements + 1.0), [1, -2])

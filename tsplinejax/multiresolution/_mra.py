@@ -2,7 +2,8 @@
 
 With P_k the least-squares projection onto V_k and V_0 ⊂ V_1 ⊂ ... (Eq. 9 of the paper), the bands are P_0 z and
 P_k (z - P_(k-1) z): each is fitted to what the coarser ones left (Fig. 8). As all projections are global, they are
-orthogonal on the samples, so their mean squares add up.
+orthogonal on the samples, so their mean squares add up. Where gaps leave control points undetermined, projections are
+nearly exact only, and what a band still has of those before it is taken off.
 
 A cubic spline over elements of size h takes on average half the energy of a wave of length 2 h, 0.95 of it at 2.5 h,
 and 0.05 at 1.6 h: a band over h, with the one before over 2 h, holds waves of 2 h to 4 h, and from 2.5 h to 3.2 h
@@ -118,13 +119,13 @@ def _projected(height_map: HeightMap, spaces: Spaces, dtype: np.dtype) -> tuple[
 def _orthogonalised(
     band: Float[np.ndarray, " m"], before: list[Float[np.ndarray, " m"]], rest: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, " k"], float]:
-    """How much of what came before a band still has, and by what to multiply it without that so that nothing of it is
-    left in the rest. Where gaps leave control points undetermined, projections are exact only with that.
+    """How much of each part before it a band still has, and the factor for it without them that leaves nothing of it in
+    the rest.
     """
     shares = np.array([part @ band / max(part @ part, np.finfo(float).tiny) for part in before])
     band = band - shares @ before
     length = band @ rest / max(band @ band, np.finfo(float).tiny)
-    return shares, float(np.clip(length, 0.5, 2.0))  # a band of rounding errors alone has any
+    return shares, float(np.clip(length, 0.5, 2.0))  # of a band of mere round-off it may be anything
 
 
 def _projection(height_map: HeightMap, level: Level, dtype: np.dtype) -> AbstractProjection:

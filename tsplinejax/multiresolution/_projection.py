@@ -23,7 +23,7 @@ from ..surface import TSpline, make_surface
 from ._spaces import Level
 
 _PASSES = 3
-_CUTOFF = 0.3  # of the smoothing in each pass, in elements: of a wave two elements long a pass leaves 1 / 2000
+_CUTOFF = 0.5  # of the smoothing in each pass, in elements: of a wave two elements long a pass leaves 1 / 257
 
 
 class AbstractProjection(ABC):

@@ -63,7 +63,8 @@ class Level:
             return csr_array(eye_array(self.tmesh.n_anchors))
         along_x, along_y = self.insertions()
         row, column = on_grid(self.tmesh)
-        return csr_array(kron(along_y, along_x, format="csr"))[row * along_x.shape[0] + column]
+        places = row * (self.lattice[0] + 3) + column
+        return csr_array(csr_array(kron(along_y, along_x))[places])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +103,12 @@ def uniform_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int 
             f"{deepest} levels at most; received {levels}"
         )
     mesh, spaces = b_lattice(*lattice), []
-    for k in range(levels):
-        spaces.append(
-            Level(mesh, lattice, (lattice[0] >= _WIDE, lattice[1] >= _WIDE) if k < levels - 1 else (False, False))
-        )
-        for _ in range(2 if k < levels - 1 else 0):
+    for _ in range(levels - 1):
+        spaces.append(Level(mesh, lattice, (lattice[0] >= _WIDE, lattice[1] >= _WIDE)))
+        for _ in range(2):
             mesh = bisect(mesh, np.ones(mesh.n_elements, bool)).mesh
         lattice = (2 * lattice[0], 2 * lattice[1])
-    return Spaces(tuple(spaces))
+    return Spaces((*spaces, Level(mesh, lattice)))
 
 
 def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int | None, tolerance: float) -> Spaces:
@@ -130,5 +129,8 @@ def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int
         goals, state = ahead, advance(problem, state) if ahead else state
     warnings = []
     if len(meshes) < count:
-        warnings.append(f"{len(meshes)} of {count} meshes differ: single steps met several of the tolerances at once")
+        warnings.append(
+            f"{len(meshes)} bands instead of {count}: single steps of refinement met several of the tolerances at "
+            "once; for more give a smaller tolerance or a coarser lattice"
+        )
     return Spaces(tuple(Level(mesh) for mesh in meshes), terminate(problem, state), tuple(warnings))
