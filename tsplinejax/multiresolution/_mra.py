@@ -31,6 +31,8 @@ from ._spaces import Level, Spaces, adaptive_spaces, first_lattice, uniform_spac
 
 Length = float | str
 
+_ROUND_OFF = 1e-12
+
 
 def mra(
     data: Any,
@@ -101,11 +103,11 @@ def _projected(height_map: HeightMap, spaces: Spaces, dtype: np.dtype) -> tuple[
     parts, at_pixels = None, [np.ones(np.count_nonzero(valid))]  # the constant, and every band about the centre
     for level in spaces.levels:
         raw = _projection(height_map, level, dtype).of(rest)
-        before = np.ones((len(raw.control_points), 1))
+        before = np.ones((len(raw.control_points), 1), dtype)
         if parts is not None:
             before = np.asarray(transfer(parts, level.tmesh).control_points)
-        shares, length = _orthogonalised(heights_on_grid(raw, shape)[valid], at_pixels, rest[valid])
-        band = make_surface(raw.space, length * (raw.control_points - before @ shares), frame)
+        shares, factor = _orthogonalised(heights_on_grid(raw, shape)[valid], at_pixels, rest[valid])
+        band = make_surface(raw.space, factor * (raw.control_points - before @ shares), frame)
         heights = heights_on_grid(band, shape)
         rest = rest - heights
         at_pixels.append(heights[valid].astype(np.float64))
@@ -122,10 +124,11 @@ def _orthogonalised(
     """How much of each part before it a band still has, and the factor for it without them that leaves nothing of it in
     the rest.
     """
-    shares = np.array([part @ band / max(part @ part, np.finfo(float).tiny) for part in before])
+    least = max(_ROUND_OFF**2 * float(band @ band), np.finfo(float).tiny)  # parts of mere round-off do not count
+    shares = np.array([part @ band / max(part @ part, least) for part in before])
     band = band - shares @ before
-    length = band @ rest / max(band @ band, np.finfo(float).tiny)
-    return shares, float(np.clip(length, 0.5, 2.0))  # of a band of mere round-off it may be anything
+    factor = band @ rest / max(band @ band, np.finfo(float).tiny)
+    return shares, float(np.clip(factor, 0.5, 2.0))  # a band of mere round-off may have any
 
 
 def _projection(height_map: HeightMap, level: Level, dtype: np.dtype) -> AbstractProjection:
