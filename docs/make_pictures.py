@@ -208,7 +208,7 @@ def multiresolution() -> Figure:
     """All bands of the Peaks surface with noise."""
     noisy = peaks((128, 128), noise=0.02)
     figure = plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
-    figure.set_size_inches(7.2, 4.5)
+    figure.set_size_inches(7.0, 4.4)
     return figure
 
 
