@@ -1,12 +1,14 @@
 """The adaptive loop: monotone objectives, local and global solves, the paper's baseline, and driving it by hand."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import tsplinejax as tsj
-from tsplinejax.fitting import StopReason, advance, begin, pose_fit, terminate
+from tsplinejax.fitting import Marking, StopReason, advance, begin, pose_fit, terminate
+from tsplinejax.fitting._adaptive import polish, residuals_of, taken_back
 from tsplinejax.fitting._criteria import explained_squares
 from tsplinejax.fitting._store import choose
 from tsplinejax.mesh import Dyadic, b_lattice, is_analysis_suitable
@@ -41,6 +43,34 @@ def test_monotone_with_weights_and_points_in_space(weights):
     assert result.surface.control_points.shape[1] == 3
     objectives = [step.objective for step in result.history]
     assert max(after / before - 1 for before, after in pairwise(objectives)) <= 1e-10
+
+
+def test_what_is_far_from_the_tolerance_is_bisected_twice():
+    """A step halves both sides of marked elements that are far above it."""
+    problem = pose_fit(bump(), tolerance=1e-4, lattice=(4, 4))
+    state = begin(problem)
+    boxes, excess = state.mesh.tmesh.boxes, state.excess
+    next_state = advance(problem, state)
+    far = (excess > problem.marking.twice) & (excess > next_state.stage)
+    assert far.any()
+    after = next_state.mesh.tmesh.boxes
+    inside = (after[:, None, :2] >= boxes[:, :2]).all(axis=2) & (after[:, None, 2:] <= boxes[:, 2:]).all(axis=2)
+    assert (inside.sum(axis=0)[far] == 4).all()
+    once = replace(problem, marking=Marking(twice=np.inf))
+    assert len(advance(once, begin(once)).mesh.tmesh.boxes) < len(after)
+
+
+def test_a_polish_that_is_not_wanted_leaves_no_trace():
+    """The state before it is back, device rows and all."""
+    problem = pose_fit(bump(), tolerance=1e-2)
+    state = advance(problem, begin(problem))
+    before = residuals_of(problem, state)
+    polished = polish(problem, state)
+    assert np.abs(residuals_of(problem, polished) - before).max() > 1e-6
+    again = taken_back(problem, polished, state)
+    np.testing.assert_array_equal(residuals_of(problem, again), before)
+    assert again.history == state.history
+    assert len(advance(problem, again).history) == 3
 
 
 def test_history_accounts_for_the_fit():

@@ -1,5 +1,6 @@
 """Bézier elements found span by span, and those carried over a refinement, are those found by cutting cell by cell."""
 
+from itertools import pairwise
 from unittest import mock
 
 import numpy as np
@@ -75,6 +76,19 @@ def test_updates_with_closure(history):
             update = refine_elements(elements, tmesh, step)
         check_update(elements, tmesh, step, update)
         elements = update.elements
+
+
+@settings(max_examples=60)
+@given(refinements(most=200))
+def test_two_refinements_at_once(history):
+    """Two refinements joined into one are updated in one go, and as by their definition."""
+    steps = list(replay(history))
+    for (tmesh, first), (_, second) in pairwise(steps):
+        elements = bezier_elements(tmesh)
+        both = first.then(second)
+        assert both.bisected.tolist() == (np.bincount(both.parent, minlength=tmesh.n_elements) > 1).tolist()
+        with mock.patch.object(_update, "bezier_elements", side_effect=AssertionError("found all over again")):
+            check_update(elements, tmesh, both, refine_elements(elements, tmesh, both))
 
 
 @settings(max_examples=60)

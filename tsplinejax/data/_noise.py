@@ -173,11 +173,12 @@ def _lowest_level(differences: np.ndarray) -> float:
         finite = np.abs(differences[np.isfinite(differences)])
         return float(np.median(finite) / _MEDIAN) if finite.size else 0.0
     blocks = blocks[held]
-    medians = np.nanmedian(blocks, axis=1)
+    median = np.median if np.isfinite(blocks).all() else np.nanmedian  # the former is several times faster
+    medians = median(blocks, axis=1)
     level = float(np.quantile(medians, 0.15))
     for _ in range(6):
         agreeing = medians <= 1.4 * level
-        level = float(np.nanmedian(blocks[agreeing]))
+        level = float(median(blocks[agreeing]))
     return level / _MEDIAN
 
 

@@ -29,7 +29,12 @@ from ._solve import (
     GlobalSolver as GlobalSolver,
     LocalSolver as LocalSolver,
 )
-from ._stages import SMALLEST as SMALLEST, bisect_worst as bisect_worst, mark_in_stages as mark_in_stages
+from ._stages import (
+    SMALLEST as SMALLEST,
+    Marking as Marking,
+    bisect_worst as bisect_worst,
+    mark_in_stages as mark_in_stages,
+)
 from ._study import (
     SuggestedTolerance as SuggestedTolerance,
     ToleranceStudy as ToleranceStudy,

@@ -24,7 +24,7 @@ from ._residuals import all_residuals
 from ._result import Step, StopReason
 from ._samples import AbstractHeldSamples
 from ._solve import LocalSolver, conjugate_gradients
-from ._stages import SMALLEST, bisect_worst, mark_in_stages
+from ._stages import ROOM, SMALLEST, bisect_worst, mark_in_stages
 from ._stopwatch import Stopwatch
 from ._store import (
     Chosen,
@@ -153,6 +153,13 @@ def polish(problem: Problem, state: State) -> State:
     return with_coefficients(problem, replace(state, polished=True), coefficients, watch)
 
 
+def taken_back(problem: Problem, polished: State, state: State) -> State:
+    """The state before it was polished, on the device rows that moved on into the polished one."""
+    every = _every(state.mesh)
+    store, _ = renew_points(polished.store, state.coefficients, problem.extent, problem.lattice, every)
+    return replace(state, store=store)
+
+
 def with_coefficients(problem: Problem, state: State, coefficients: Array, watch: Stopwatch) -> State:
     """The same step with other coefficients, measured anew."""
     after = replace(state, coefficients=coefficients, history=state.history[:-1])
@@ -221,9 +228,17 @@ def splittable(problem: Problem, state: State) -> Bool[np.ndarray, " elements"]:
 
 def _refine(problem: Problem, state: State) -> tuple[Refinement | None, float]:
     """Bisect what is marked, or the worst part that the control-point budget allows; `None` where it allows none."""
-    marked, stage = mark_in_stages(state.excess, splittable(problem, state), state.stage, problem.stage_factor)
+    tmesh, excess, marking = state.mesh.tmesh, state.excess, problem.marking
+    marked, stage = mark_in_stages(excess, splittable(problem, state), state.stage, marking.fall)
     limit = problem.budget.max_control_points
-    return bisect_worst(state.mesh.tmesh, marked, state.excess, problem.refinement, limit), stage
+    found = bisect_worst(tmesh, marked, excess, problem.refinement, limit)
+    far = marked & (excess > marking.twice) & (tmesh.levels < MAX_LEVEL - 1)
+    far &= state.mesh.per_element(np.add, state.tally.counts) >= ROOM
+    if found is None or not far.any():
+        return found, stage
+    halves = (far & found.bisected)[found.parent]
+    again = bisect_worst(found.mesh, halves, excess[found.parent], problem.refinement, limit)
+    return found if again is None else found.then(again), stage
 
 
 def _every(mesh: Discretisation) -> Chosen:

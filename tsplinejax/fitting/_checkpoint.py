@@ -129,7 +129,7 @@ class Checkpoint:
             "first cut": forest.first_cut,
             "border": problem.start.border,
             "dtype": str(problem.dtype),
-            "stage factor": repr(problem.stage_factor),
+            "marking": repr(problem.marking),
         }
 
     def _compare(self, found: dict[str, str]) -> None:

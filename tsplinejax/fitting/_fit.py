@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike
 from numpy.typing import DTypeLike
 
 from .._errors import InputError
@@ -19,6 +19,7 @@ from ..surface import TSpline, make_surface
 from ._adaptive import State, residuals_of
 from ._checkpoint import Checkpoint
 from ._criteria import AbstractCriterion, NoiseCriterion, ToleranceCriterion
+from ._discretisation import Discretisation
 from ._energy import default_smoothing
 from ._engines import AbstractEngine
 from ._options import Length, Request, read_request, read_stored_request
@@ -128,8 +129,7 @@ def fit(
     if isinstance(smoothing, str) and outcome.stop is StopReason.NOISE and held:
         problem, outcome = smooth_automatically(problem, outcome)
     source = dict(getattr(data, "provenance", None) or {})
-    seconds = keeper.seconds + time.perf_counter() - started
-    return _result(problem, outcome, seconds, _provenance(problem, outcome.stop, source))
+    return _result(problem, outcome, started - keeper.seconds, _provenance(problem, outcome.stop, source))
 
 
 def pose_fit(
@@ -252,7 +252,7 @@ def surface_of(problem: Problem, state: State) -> TSpline:
     height_map = problem.dimension == 1
     mesh, along = state.mesh, None
     if state.alive:
-        along = (np.asarray(state.store.along_s)[mesh.slots], np.asarray(state.store.along_t)[mesh.slots])
+        along = (_in_order(state.store.along_s, mesh), _in_order(state.store.along_t, mesh))
     space = spline_space(
         mesh.tmesh,
         dtype=problem.dtype,
@@ -262,6 +262,13 @@ def surface_of(problem: Problem, state: State) -> TSpline:
         capacity=mesh.capacity,
     )
     return make_surface(space, points[:, 0] if height_map else points, problem.source.frame)
+
+
+def _in_order(by_slot: Array, mesh: Discretisation) -> np.ndarray:
+    """Device rows in the order of the Bézier elements, padded with zeros to the capacity."""
+    rows = np.zeros(by_slot.shape, by_slot.dtype)
+    np.take(np.asarray(by_slot), mesh.slots, axis=0, out=rows[: len(mesh.slots)], mode="clip")
+    return rows
 
 
 def _smoothing_weight(smoothing: float | str, n_samples: int, refinement: AbstractRefinement) -> float:
@@ -330,12 +337,12 @@ def _provenance(problem: Problem, stop: StopReason, source: dict[str, Any]) -> d
     return {"software": f"tsplinejax {__version__}", "input": source, "options": options, "stop": str(stop)}
 
 
-def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str, Any]) -> FitResult:
-    """The frozen result, in the data's unit and order."""
+def _result(problem: Problem, outcome: Run, began: float, provenance: dict[str, Any]) -> FitResult:
+    """The frozen result, in the data's unit and order; the clock, which read `began`, stops when all of it is there."""
     request, source = problem.request, problem.source
     state, stop = outcome.best, outcome.stop
     entry = state.history[-1]
-    kept = _kept(problem, state)
+    kept, surface = _kept(problem, state), surface_of(problem, state)
     warnings = list(request.warnings)
     if stop not in (StopReason.TOLERANCE, StopReason.NOISE):
         x, y = _worst_place(problem, state, kept)
@@ -344,7 +351,7 @@ def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str
             f"{entry.max_error:.4g} at (x, y) = ({x:.4g}, {y:.4g})"
         )
     return FitResult(
-        surface=surface_of(problem, state),
+        surface=surface,
         at_samples=kept,
         n_samples=source.n_samples,
         stop=stop,
@@ -360,7 +367,7 @@ def _result(problem: Problem, outcome: Run, seconds: float, provenance: dict[str
         smoothing=problem.smoothing,
         control_points=state.mesh.tmesh.n_anchors,
         elements=state.mesh.tmesh.n_elements,
-        seconds=seconds,
+        seconds=time.perf_counter() - began,
         history=outcome.history,
         warnings=tuple(warnings),
         provenance=provenance,

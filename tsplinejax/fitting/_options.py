@@ -227,9 +227,10 @@ def _data_warnings(samples: Samples, counted: Bool[np.ndarray, " m"], robust: bo
             "use robust=True (--robust)"
         )
     if spread > 0 and len(values) > 3:
-        columns = np.column_stack([np.ones(len(values)), places])
-        centred = (values - values.mean()) / spread
-        plane = columns @ np.linalg.lstsq(columns, centred, rcond=None)[0]
-        if np.var(plane) > 0.9 * np.var(centred):
+        # Squares of the best plane, from the normal equations: parameters lie between 0 and 1.
+        centred, middle = (values - values.mean()) / spread, np.full(len(places), 1 / len(places)) @ places
+        slope, form = places.T @ centred, places.T @ places - len(places) * np.outer(middle, middle)
+        explained = slope @ np.linalg.lstsq(form, slope, rcond=None)[0]
+        if explained > 0.9 * (centred @ centred):
             warnings.append("a plane explains over 90 % of the variance: tilt: level the data first (--level)")
     return warnings

@@ -16,7 +16,7 @@ from ._options import Request
 from ._samples import AbstractSamples
 from ._solve import AbstractSolver, LocalSolver
 from ._source import AbstractSource, Scaling
-from ._stages import STAGE_FACTOR
+from ._stages import Marking
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Problem:
     - `extent`: physical extent in units of √(Lx Ly).
     - `criterion`, `refinement`, `solver`, `budget`: the strategies.
     - `smoothing`: weight λ of the bending energy.
-    - `stage_factor`: by how much the marking threshold falls from stage to stage.
+    - `marking`: how fast the loop descends.
     """
 
     request: Request
@@ -54,7 +54,7 @@ class Problem:
     refinement: AbstractRefinement = field(default_factory=AnalysisSuitable)
     solver: AbstractSolver = field(default_factory=LocalSolver)
     budget: Budget = field(default_factory=Budget)
-    stage_factor: float = STAGE_FACTOR
+    marking: Marking = field(default_factory=Marking)
 
     @property
     def source(self) -> AbstractSource:
@@ -166,6 +166,7 @@ def pose(
         refinement=refinement,
         solver=solver,
         budget=budget,
+        marking=Marking() if isinstance(refinement, AnalysisSuitable) else Marking(twice=np.inf),
     )
 
 

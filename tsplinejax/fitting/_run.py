@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._adaptive import State, advance, begin, polish, revived, terminate, with_coefficients
+from ._adaptive import State, advance, begin, polish, revived, taken_back, terminate
 from ._checkpoint import Checkpoint
 from ._problem import Problem, restart, scaled_lattice
 from ._result import Step, StopReason
-from ._stopwatch import Stopwatch
 
 # Elements along the shorter side, one for each part of an octave; eight is also the default lattice's.
 TRIALS = (8, 5, 11, 6, 7)
@@ -83,11 +82,8 @@ def _begun(problem: Problem) -> tuple[State, State]:
 
 def _polished(problem: Problem, state: State, limit: float = np.inf) -> State:
     """The state after a long solve, or as it was where that exceeds the limit."""
-    coefficients, entry = state.coefficients, state.history[-1]
     polished = polish(problem, state)
-    if polished.worst <= limit:
-        return polished
-    return replace(with_coefficients(problem, polished, coefficients, Stopwatch(entry)), polished=False)
+    return polished if polished.worst <= limit else taken_back(problem, polished, state)
 
 
 @contextmanager

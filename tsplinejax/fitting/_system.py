@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 from ..space import product_weights
 from ._energy import bernstein_energy
 from ._moments import Moments
+from ._tiles import add_up, barrier
 
 
 class System(eqx.Module):
@@ -26,13 +27,18 @@ def element_matrices(
     moments: Moments,
     smoothing: Float[Array, ""],
 ) -> tuple[Float[Array, "e K K"], Float[Array, "e K d"]]:
-    """Matrices C (M + λ K) Cᵀ and loads C R; the rows of C are the functions' sixteen Bernstein coefficients."""
-    basis = (along_s[..., :, None] * along_t[..., None, :]).reshape(*functions.shape, 16)
-    form = bernstein_mass(moments.mass) + smoothing * bernstein_energy(sides)
-    half = jnp.matmul(basis, form, precision="highest")
-    matrices = jnp.matmul(half, jnp.swapaxes(basis, 1, 2), precision="highest")
-    load = moments.load.reshape(len(functions), 16, -1)
-    return matrices, jnp.matmul(basis, load, precision="highest")
+    """Matrices C (M + λ K) Cᵀ and loads C R; the rows of C are the functions' sixteen Bernstein coefficients.
+
+    The products are sums written out, one outer product a Bernstein polynomial.
+    """
+    e, width = functions.shape
+    turned_s, turned_t = jnp.swapaxes(along_s, 1, 2), jnp.swapaxes(along_t, 1, 2)
+    basis = barrier((turned_s[:, :, None] * turned_t[:, None]).reshape(e, 16, width))  # Cᵀ
+    form = barrier(bernstein_mass(moments.mass) + smoothing * bernstein_energy(sides))
+    half = barrier(add_up(form[:, :, m, None] * basis[:, m, None] for m in range(16)))
+    matrices = add_up(half[:, m, :, None] * basis[:, m, None] for m in range(16))
+    load = moments.load.reshape(e, 16, -1)
+    return matrices, add_up(basis[:, m, :, None] * load[:, m, None] for m in range(16))
 
 
 def bernstein_mass(mass: Float[Array, "e 7 7"]) -> Float[Array, "e 16 16"]:

@@ -101,6 +101,22 @@ class Refinement:
     bisected: Bool[np.ndarray, " elements"]
     kept: Int[np.ndarray, " new_anchors"] | None = None
 
+    def then(self, second: "Refinement") -> "Refinement":
+        """This refinement and one of its mesh, as one.
+
+        >>> from tsplinejax.mesh import b_lattice
+        >>> first = refine(b_lattice(2, 1), [True, False])
+        >>> both = first.then(refine(first.mesh, [False, False, True]))
+        >>> both.parent.tolist(), both.bisected.tolist()
+        ([0, 0, 1, 1], [True, True])
+        """
+        bisected = self.bisected.copy()
+        bisected[self.parent[second.bisected]] = True
+        kept = None
+        if self.kept is not None and second.kept is not None:
+            kept = np.where(second.kept >= 0, self.kept[second.kept], -1)
+        return Refinement(second.mesh, self.parent[second.parent], bisected, kept)
+
 
 def refine(
     tmesh: TMesh, marked: Bool[np.ndarray, " elements"], refinement: AbstractRefinement | None = None

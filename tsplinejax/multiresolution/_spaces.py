@@ -15,7 +15,7 @@ from .._errors import InputError
 from ..data import HeightMap
 from ..filtration._lattice import on_grid
 from ..filtration._separable import halved_ends
-from ..fitting import StopReason, advance, begin, pose_fit, scaled_lattice, terminate
+from ..fitting import Marking, StopReason, advance, begin, pose_fit, scaled_lattice, terminate
 from ..mesh import TMesh, b_lattice, bisect
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int
     """Meshes of one refinement to a tolerance: of the steps that first met tolerances that fall by half each."""
     count = _LEVELS if levels is None else levels
     problem = pose_fit(height_map, tolerance=_RESERVE * tolerance, lattice=lattice)
-    problem = replace(problem, stage_factor=_FALL)
+    problem = replace(problem, marking=Marking(fall=_FALL, twice=np.inf))
     goals = [_RESERVE * tolerance / _FALL**k for k in range(count - 1)]
     state = begin(problem)
     meshes = [state.mesh.tmesh]

@@ -129,7 +129,8 @@ def spline_space(
     - `dtype`: float32 or float64; by default float64 where JAX's x64 mode is on, else float32.
     - `rational`: whether to divide by the sum of the blending functions; by default found out.
     - `elements`: the mesh's Bézier elements, where they are known already.
-    - `along`: with them, the functions' Bernstein coefficients along s and t, (elements, K, 4) each.
+    - `along`: with them, the functions' Bernstein coefficients along s and t, (elements, K, 4) each, zero beyond the
+      elements where they are padded already.
     - `capacity`: padded length; by default the smallest that fits.
 
     **Raises:** `InputError` for a dtype that JAX cannot hold.
@@ -179,7 +180,9 @@ def to_device(array: ArrayLike, dtype: DTypeLike | None = None) -> Array:
 
 
 def pad(array: np.ndarray, length: int, value: object) -> np.ndarray:
-    """The array with rows of a constant appended up to a length."""
+    """The array with rows of a constant appended up to a length; itself where it is so long."""
+    if len(array) == length:
+        return array
     padded = np.empty((length, *array.shape[1:]), array.dtype)
     padded[: len(array)] = array
     padded[len(array) :] = value
