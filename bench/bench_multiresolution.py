@@ -2,8 +2,9 @@
 
 Peaks with noise (the paper's Fig. 8), the same with a hole, and measured surfaces, in uniform and adaptive bands:
 how far the sum of the bands is from the fitted surface, and a band from its transfer to the next space, relative to the
-range; and the leak |Sq² - Σ Sq_k²| / Sq². A second table has a long and a short sine, and the part of the energy of
-each in the band whose wavelengths hold its own, over the number of periods: borders take a part of it.
+range; the leak |Sq² - Σ Sq_k²| / Sq²; and how high a band but the first gets anywhere, in holes, too. A second table
+has a long and a short sine, and the part of the energy of each in the band whose wavelengths hold its own, over the
+number of periods: borders take a part of it.
 """
 
 import sys
@@ -59,6 +60,7 @@ def bands(name: str, way: str, data: tsj.HeightMap, **options: Any) -> dict[str,
         )
         for band, finer in zip(found.bands, found.bands[1:], strict=False)
     ]
+    highest = [float(np.abs(np.asarray(band.surface(places))).max()) for band in found.bands[1:]]
     line = {
         "surface": name,
         "meshes": way,
@@ -67,6 +69,7 @@ def bands(name: str, way: str, data: tsj.HeightMap, **options: Any) -> dict[str,
         "sum off / range": float(np.nanmax(np.abs(found.heights.sum(axis=0) - found.fitted.heights))) / data.range,
         "nesting off / range": max(off, default=0.0) / data.range,
         "leak": found.leak,
+        "highest / range": max(highest, default=0.0) / data.range,
         "Sq remainder / range": found.sq_remainder / data.range,
         "seconds": seconds,
     }
@@ -75,25 +78,31 @@ def bands(name: str, way: str, data: tsj.HeightMap, **options: Any) -> dict[str,
 
 
 def sines(side: int) -> list[dict[str, Any]]:
-    """Sines along x, of lengths in the middle of a band, alone and with a long one."""
+    """A long sine along x and a short one, of a length in the middle of a band: the last one, or with a finer one."""
     rows = []
     x = np.arange(side) / (side - 1)
+    long = np.sin(2 * np.pi * x + 0.3)
     for k, elements in enumerate((24, 48, 96), start=3):
         periods = elements / 2.83  # the middle of 2 h to 4 h
-        wave = 0.2 * np.sin(2 * np.pi * periods * x + 1.1)
-        long = np.sin(2 * np.pi * x + 0.3)
-        found = tsj.mra(tsj.HeightMap((wave + long) * np.ones((side, 1)), 1 / (side - 1), "mm"), levels=k + 1)
-        parts = found.heights[:, 0]
-        rows.append(
-            {
-                "short wave: periods": periods,
-                "band from": found.bands[k].shortest,
-                "to": found.bands[k].longest,
-                "its energy there": _share(parts[k], wave),
-                "long wave: band from": found.bands[0].shortest,
-                "its energy in it": _share(parts[0], long),
-            }
-        )
+        for levels in (k + 1, k + 2):
+            shares = []
+            for phase in np.pi * np.arange(8) / 4:
+                wave = 0.2 * np.sin(2 * np.pi * periods * x + phase)
+                found = tsj.mra(tsj.HeightMap((wave + long) * np.ones((side, 1)), 1 / (side - 1), "mm"), levels=levels)
+                shares.append((_share(found.heights[k][0], wave), _share(found.heights[0][0], long)))
+            mean, least = np.mean(shares, axis=0), np.min(shares, axis=0)
+            rows.append(
+                {
+                    "short wave: periods": periods,
+                    "band from": found.bands[k].shortest,
+                    "to": found.bands[k].longest,
+                    "finer bands": levels - k - 1,
+                    "its energy there": mean[0],
+                    "least over phases": least[0],
+                    "long wave: band from": found.bands[0].shortest,
+                    "its energy in it": mean[1],
+                }
+            )
     return rows
 
 

@@ -181,8 +181,8 @@ def _profiles(ax: Axes, maps: tuple[tsj.HeightMap, ...]) -> None:
     for height_map, (colour, label, width) in zip(maps, styles, strict=True):
         row = height_map.heights[len(height_map.heights) // 2]
         ax.plot(np.arange(len(row)) * height_map.spacing[0], row, color=colour, label=label, linewidth=width)
-    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 34))
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.set(xlabel="x (µm)", ylabel="height (µm)", xlim=(14, 40))
+    ax.legend(frameon=False, fontsize=8, loc="center right", handlelength=1.2)
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -208,7 +208,7 @@ def multiresolution() -> Figure:
     """All bands of the Peaks surface with noise."""
     noisy = peaks((128, 128), noise=0.02)
     figure = plot_bands(tsj.mra(tsj.HeightMap(noisy.heights, 0.5, "µm")))
-    figure.set_size_inches(7.2, 4.5)
+    figure.set_size_inches(7.0, 4.4)
     return figure
 
 

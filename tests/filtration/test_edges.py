@@ -44,6 +44,19 @@ def test_edges_stay(degrees, parts):
     assert np.std(rest[~far]) < 1.2 * np.std(rest[far])
 
 
+@pytest.mark.parametrize("parts", [2, 4, 8])
+def test_a_small_noisy_map(parts):
+    """Noise hides what is left along an edge in single pixels, not in many: no overshoot, and an even residual."""
+    size, sigma = 64, 0.02
+    distance = np.arange(size) - (size - 1) / 2 + np.zeros((size, 1))
+    data = tsj.HeightMap((distance > 0) + sigma * np.random.default_rng(0).normal(size=distance.shape), 1.0, "µm")
+    filtered = tsj.filter(data, tolerance=1 / parts)
+    profile = mean_profile(distance, filtered.filtered.heights)
+    assert max(profile.max() - 1, -profile.min()) < 0.02
+    rest, near, inside = filtered.residual.heights, np.abs(distance) <= 20, np.s_[8:-8, 8:-8]
+    assert np.std(rest[inside][near[inside]]) < 1.2 * np.std(rest[inside][~near[inside]])
+
+
 def test_a_circle_keeps_its_edge():
     """A pillar's edge stays within a pixel or two, in both directions of bending."""
     y, x = np.mgrid[0:SIZE, 0:SIZE] - (SIZE - 1) / 2

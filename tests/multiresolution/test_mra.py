@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import tsplinejax as tsj
 from tsplinejax.data import peaks
+from tsplinejax.filtration._separable import halved_ends, spline_axis
 
 
 def holed(data: tsj.HeightMap) -> tsj.HeightMap:
@@ -82,6 +84,38 @@ def test_two_sines_part():
         assert share >= 0.95
         alone = tsj.mra(tsj.HeightMap(wave, 1.0, "µm"), levels=6)
         assert alone.bands[k].sq ** 2 >= 0.95 * np.var(wave)
+
+
+@pytest.mark.parametrize("phase", [0.3, 1.1, 2.6])
+@pytest.mark.parametrize(("elements", "least"), [(24, 0.9), (48, 0.95)])
+def test_borders_take_little_of_a_short_wave(elements, least, phase):
+    """A band in the middle holds a wave of its own nearly up to the borders, whatever its phase."""
+    periods = elements / 2.83
+    wave = np.sin(2 * np.pi * periods * np.arange(256) / 255 + phase)
+    found = tsj.mra(tsj.HeightMap(wave * np.ones((64, 1)), 1 / 255, "mm"), levels=6, lattice=(3, 1))
+    own = next(k for k, band in enumerate(found.bands) if len(band.surface.control_points) > elements * elements // 3)
+    assert np.var(found.heights[own][0]) >= least * np.var(wave)
+
+
+def test_wide_ends_are_a_part_of_the_whole_lattice():
+    """A spline whose end elements are twice as wide is the one that knot insertion makes of it."""
+    equal, wide = spline_axis(65, 0.5, 12), spline_axis(65, 0.5, 12, wide=True)
+    change = halved_ends(12)
+    assert change.shape == (15, 13)
+    np.testing.assert_allclose((equal.values @ change).toarray(), wide.values.toarray(), atol=1e-14)
+    np.testing.assert_allclose((change.T @ equal.bending @ change).toarray(), wide.bending.toarray(), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_bands_stay_low_in_holes(seed):
+    """No band leaves the range where pixels are missing, though samples see the last tails of functions there."""
+    rng = np.random.default_rng(seed)
+    texture = gaussian_filter(rng.normal(size=(100, 120)), 5)
+    data = peaks((100, 120), noise=0.02).with_mask(texture > np.quantile(texture, 0.6))
+    found = tsj.mra(data)
+    places = rng.random((5000, 2))
+    for band in found.bands:
+        assert np.abs(band.surface(places)).max() <= 2 * data.range
 
 
 @pytest.mark.parametrize("periods", [20, 24, 27, 32])

@@ -19,6 +19,7 @@ from ..mesh import TMesh
 
 _AROUND, _FAR = 1 / 8, 3 / 8  # in cut-offs: as far as a feature reaches, and where the plain residuals begin
 _STANDS_OUT = 3.5  # robust standard deviations; noise alone reaches that once in 2000 pixels
+_CELL = 8  # pixels: over which residuals are looked at together
 _FINE = 0.05  # of the tolerance: no feature is resolved more finely
 _ENOUGH = 0.1  # share of the pixels that a robust deviation needs
 _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
@@ -26,11 +27,11 @@ _MEDIAN = 0.6744897501960817  # median of |x| for a standard normal
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Pixels at features, pixels far from them, and the residual that stands out, in the map's unit."""
+    """Pixels at features, pixels far from them, and the standard deviation there of what is taken off."""
 
     at: Bool[np.ndarray, "rows columns"]
     plain: Bool[np.ndarray, "rows columns"]
-    level: float
+    deviation: float
 
 
 def find_features(
@@ -42,7 +43,7 @@ def find_features(
     with np.errstate(invalid="ignore"):
         core = np.abs(removed) > tolerance / 2
     if not core.any():
-        return Features(core, height_map.valid, tolerance)
+        return Features(core, height_map.valid, tolerance / _STANDS_OUT)
     distance = np.asarray(distance_transform_edt(~core, sampling=height_map.spacing[::-1]))
     at = distance <= max(_AROUND * cutoff, max(height_map.spacing))
     known = height_map.valid
@@ -50,13 +51,13 @@ def find_features(
         (part for part in (known & (distance > _FAR * cutoff), known & ~at) if part.sum() >= _ENOUGH * known.sum()),
         known,
     )
-    return Features(at, plain, standing_out(removed[plain], tolerance))
+    return Features(at, plain, plain_deviation(removed[plain], tolerance))
 
 
-def standing_out(residuals: Float[np.ndarray, " m"], tolerance: float) -> float:
-    """The residual that stands out from these, between a part of the tolerance and all of it."""
+def plain_deviation(residuals: Float[np.ndarray, " m"], tolerance: float) -> float:
+    """The robust standard deviation of residuals, and no less than a part of the tolerance stands out from."""
     deviation = float(np.median(np.abs(residuals - np.median(residuals)))) / _MEDIAN
-    return float(np.clip(_STANDS_OUT * deviation, _FINE * tolerance, tolerance))
+    return max(deviation, _FINE * tolerance / _STANDS_OUT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +66,19 @@ class FeatureCriterion(ToleranceCriterion):
 
     **Attributes:**
 
-    - `tolerance`, `level`: in the units of the fit's values.
+    - `tolerance`, `deviation`: in the units of the fit's values; the second is of the residuals far from features.
     - `counts`: pixels at features above and left of each pixel corner, (rows + 1, columns + 1).
     - `finest`: smallest (width, height) of an element, in parameters; smaller ones are not asked for.
     """
 
-    level: float
+    deviation: float
     counts: Int[np.ndarray, "rows1 columns1"]
     finest: tuple[float, float]
+
+    @property
+    def level(self) -> float:
+        """The residual that stands out."""
+        return min(_STANDS_OUT * self.deviation, self.tolerance)
 
     def resolution(self, tally: Tally) -> float:
         """The finer of both limits."""
@@ -83,6 +89,21 @@ class FeatureCriterion(ToleranceCriterion):
         limits = np.where(self.at_features(mesh.tmesh), self.level, self.tolerance)
         excess = mesh.per_element(np.maximum, tally.largest) / limits
         return np.where(self._splittable(mesh.tmesh), excess, np.minimum(excess, 1.0))
+
+    def excess_together(self, mesh: Discretisation, tally: Tally) -> Float[np.ndarray, " elements"]:
+        """Root mean square of the residuals around each element at features, over what noise makes of it."""
+        pixels = np.array(self.counts.shape[::-1]) - 1
+        boxes = mesh.tmesh.element_boxes
+        column, row = ((boxes[:, :2] + boxes[:, 2:]) / 2 * pixels // _CELL).astype(int).T
+        cell = np.unique(row * pixels[0] + column, return_inverse=True)[1]
+        squares, counts = (
+            np.bincount(cell, mesh.per_element(np.add, part))[cell] for part in (tally.plain, tally.counts)
+        )
+        counts = np.maximum(counts, 1)
+        spread = 2 / (9 * counts)
+        limits = self.deviation**2 * counts * (1 - spread + _STANDS_OUT * np.sqrt(spread)) ** 3
+        at_features = self.at_features(mesh.tmesh) & self._splittable(mesh.tmesh)
+        return np.where(at_features, np.sqrt(squares / limits), 0.0)
 
     def at_features(self, tmesh: TMesh) -> Bool[np.ndarray, " elements"]:
         """Elements that hold a pixel at a feature, or lie between such pixels."""

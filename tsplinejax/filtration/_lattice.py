@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
 from ..data import Frame, HeightMap
@@ -36,5 +36,11 @@ def smoother(height_map: HeightMap, lattice: tuple[int, int], smoothing: float) 
 
 def gridded_surface(points: Float[np.ndarray, "rows columns"], tmesh: TMesh, frame: Frame, dtype: DTypeLike) -> TSpline:
     """Control points on a grid, rows along y, as a T-spline over a mesh without T-junctions."""
-    column, row = (np.unique(tmesh.anchors[:, k], return_inverse=True)[1] for k in range(2))
+    row, column = on_grid(tmesh)
     return make_surface(spline_space(tmesh, dtype=dtype, rational=False), points[row, column], frame)
+
+
+def on_grid(tmesh: TMesh) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Row and column of each control point of a mesh without T-junctions."""
+    column, row = (np.unique(tmesh.anchors[:, k], return_inverse=True)[1] for k in range(2))
+    return row, column

@@ -44,18 +44,23 @@ class Axis:
 
 
 @lru_cache(maxsize=16)
-def spline_axis(count: int, step: float, elements: int) -> Axis:
-    """Cubic B-splines on equal elements between the first and the last of `count` samples, clamped at both ends."""
+def spline_axis(count: int, step: float, elements: int, *, wide: bool = False) -> Axis:
+    """Cubic B-splines on equal elements between the first and the last of `count` samples, clamped at both ends.
+
+    With `wide` the two elements at either end are one of twice the size.
+    """
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_array, diags_array
 
     length = (count - 1) * step
     lines = np.linspace(0.0, length, elements + 1)
+    if wide:
+        lines = np.delete(lines, [1, -2])
     knots = np.concatenate([np.zeros(3), lines, np.full(3, length)])
     nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
-    size = length / elements
-    places = (lines[:-1, None] + size * (nodes + 1) / 2).ravel()
-    heavy = np.tile(weights * size / 2, elements)
+    sizes = np.diff(lines)[:, None]
+    places = (lines[:-1, None] + sizes * (nodes + 1) / 2).ravel()
+    heavy = (weights * sizes / 2).ravel()
     grams = []
     for order in range(3):
         change = _differentiation(knots, order)
@@ -77,6 +82,21 @@ def _differentiation(knots: np.ndarray, order: int) -> "csr_array":
         gaps = inner[degree : degree + rows] - inner[:rows]
         factors = degree / gaps
         change = diags_array([-factors, factors], offsets=[0, 1], shape=(rows, rows + 1)).tocsr() @ change  # type: ignore[call-overload]
+    return csr_array(change)
+
+
+def halved_ends(elements: int) -> "csr_array":
+    """From control points on a `wide` axis to those on all of its equal elements (Boehm's knot insertion)."""
+    from scipy.sparse import csr_array, diags_array, eye_array
+
+    lines = np.delete(np.arange(elements + 1.0), [1, -2])
+    change = eye_array(elements + 1, format="csr")
+    for line in (1.0, elements - 1.0):
+        knots = np.concatenate([np.zeros(3), lines, np.full(3, float(elements))])
+        n = len(knots) - 4
+        own = np.clip((line - knots[:n]) / np.maximum(knots[3 : n + 3] - knots[:n], 1e-9), 0.0, 1.0)
+        change = diags_array([own, 1 - np.append(own[1:], 0.0)], offsets=[0, -1], shape=(n + 1, n)) @ change  # type: ignore[call-overload]
+        lines = np.sort(np.append(lines, line))
     return csr_array(change)
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 from .._errors import InputError
 from ..data import Frame
 from ..space import ElementTables, SplineSpace, bernstein, to_device
-from ._energy import element_energy
+from ._energy import element_energy, smoothing_for_cutoff
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -69,11 +69,16 @@ def blending(space: SplineSpace, places: Float[Array, "m 2"]) -> tuple[Int[Array
     return tables.functions[element], values
 
 
-def energy_matrix(space: SplineSpace, frame: Frame) -> "csc_array":
-    """K, the bending energy's matrix."""
+def energy_matrix(space: SplineSpace, frame: Frame, cutoff: float | None = None) -> "csc_array":
+    """K, the bending energy's matrix; with a `cutoff`, in units of an element's size, weighted on each element by the λ
+    of that cut-off for one sample on the unit of area.
+    """
     sides = np.asarray(frame.extent) / np.sqrt(np.prod(frame.extent))
     matrices = np.asarray(_element_energies(space.tables, to_device(sides, space.dtype)), np.float64)
     count, n = int(space.n_elements), int(space.n_functions)
+    if cutoff is not None:
+        areas = np.prod(np.asarray(space.tables.size, np.float64) * sides, axis=1)
+        matrices = smoothing_for_cutoff(cutoff, 1.0) * (areas**2)[:, None, None] * matrices
     return _scattered(np.asarray(space.tables.functions)[:count], matrices[:count], n)
 
 
@@ -122,8 +127,7 @@ def factorise(design: Design, energy: "csc_array | None", weight: float, of: str
 
     **Raises:** `InputError`, which names whose samples they are, where they do not determine the control points.
     """
-    from scipy.sparse import csc_array, diags_array
-    from scipy.sparse.linalg import splu
+    from scipy.sparse import csc_array
 
     n = int(design.space.n_functions)
     refusal = InputError(
@@ -135,6 +139,14 @@ def factorise(design: Design, energy: "csc_array | None", weight: float, of: str
     matrix = csc_array((n, n)) if energy is None else weight * energy
     for _, band in design:
         matrix = matrix + band.T @ band
+    return factorised(matrix, refusal)
+
+
+def factorised(matrix: "csc_array", refusal: InputError) -> Factor:
+    """Factorise a normal matrix; where it is singular, refuse."""
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
     diagonal = matrix.diagonal()
     empty = diagonal <= 0
     scale = diags_array(1 / np.sqrt(np.where(empty, 1, diagonal)))

@@ -2,7 +2,8 @@
 
 With P_k the least-squares projection onto V_k and V_0 ⊂ V_1 ⊂ ... (Eq. 9 of the paper), the bands are P_0 z and
 P_k (z - P_(k-1) z): each is fitted to what the coarser ones left (Fig. 8). As all projections are global, they are
-orthogonal on the samples, so their mean squares add up.
+orthogonal on the samples, so their mean squares add up. Where gaps leave control points undetermined, projections are
+nearly exact only, and what a band still has of those before it is taken off.
 
 A cubic spline over elements of size h takes on average half the energy of a wave of length 2 h, 0.95 of it at 2.5 h,
 and 0.05 at 1.6 h: a band over h, with the one before over 2 h, holds waves of 2 h to 4 h, and from 2.5 h to 3.2 h
@@ -13,7 +14,9 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from .._errors import InputError
 from .._version import __version__
@@ -24,9 +27,11 @@ from ..space import resolve_dtype
 from ..surface import TSpline, heights_on_grid, make_surface, transfer
 from ._projection import AbstractProjection, LatticeProjection, MeshProjection
 from ._result import Band, Multiresolution
-from ._spaces import Spaces, adaptive_spaces, first_lattice, uniform_spaces
+from ._spaces import Level, Spaces, adaptive_spaces, first_lattice, uniform_spaces
 
 Length = float | str
+
+_ROUND_OFF = 1e-12
 
 
 def mra(
@@ -91,28 +96,46 @@ def _checked(data: Any, levels: int | None, *tolerances: Length | None) -> Heigh
 
 def _projected(height_map: HeightMap, spaces: Spaces, dtype: np.dtype) -> tuple[list[TSpline], TSpline]:
     """The bands, and their sum in the finest space."""
-    centre = float(np.mean(height_map.heights, where=height_map.valid, dtype=np.float64))
+    valid, shape, frame = height_map.valid, height_map.shape, height_map.frame
+    centre = float(np.mean(height_map.heights, where=valid, dtype=np.float64))
     rest = height_map.heights.astype(np.float64) - centre
     bands: list[TSpline] = []
-    total: TSpline | None = None
-    for k, tmesh in enumerate(spaces.meshes):
-        band = _projection(height_map, spaces, k, dtype).of(rest)
-        rest = rest - heights_on_grid(band, height_map.shape)
-        if total is None:
-            band = total = make_surface(band.space, band.control_points + centre, height_map.frame)
-        else:
-            before = transfer(total, tmesh)
-            total = make_surface(band.space, before.control_points + band.control_points, height_map.frame)
-        bands.append(band)
-    assert total is not None
-    return bands, total
+    parts, at_pixels = None, [np.ones(np.count_nonzero(valid))]  # the constant, and every band about the centre
+    for level in spaces.levels:
+        raw = _projection(height_map, level, dtype).of(rest)
+        before = np.ones((len(raw.control_points), 1), dtype)
+        if parts is not None:
+            before = np.asarray(transfer(parts, level.tmesh).control_points)
+        shares, factor = _orthogonalised(heights_on_grid(raw, shape)[valid], at_pixels, rest[valid])
+        band = make_surface(raw.space, factor * (raw.control_points - before @ shares), frame)
+        heights = heights_on_grid(band, shape)
+        rest = rest - heights
+        at_pixels.append(heights[valid].astype(np.float64))
+        parts = replace(band, control_points=jnp.concatenate([before, band.control_points[:, None]], axis=1))
+        bands.append(band if bands else make_surface(band.space, band.control_points + centre, frame))
+    assert parts is not None
+    total = centre * parts.control_points[:, 0] + parts.control_points[:, 1:].sum(axis=1)
+    return bands, make_surface(parts.space, total, frame)
 
 
-def _projection(height_map: HeightMap, spaces: Spaces, k: int, dtype: np.dtype) -> AbstractProjection:
+def _orthogonalised(
+    band: Float[np.ndarray, " m"], before: list[Float[np.ndarray, " m"]], rest: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " k"], float]:
+    """How much of each part before it a band still has, and the factor for it without them that leaves nothing of it in
+    the rest.
+    """
+    least = max(_ROUND_OFF**2 * float(band @ band), np.finfo(float).tiny)  # parts of mere round-off do not count
+    shares = np.array([part @ band / max(part @ part, least) for part in before])
+    band = band - shares @ before
+    factor = band @ rest / max(band @ band, np.finfo(float).tiny)
+    return shares, float(np.clip(factor, 0.5, 2.0))  # a band of mere round-off may have any
+
+
+def _projection(height_map: HeightMap, level: Level, dtype: np.dtype) -> AbstractProjection:
     """The projection onto a space."""
-    if spaces.lattices is not None and height_map.valid.all():
-        return LatticeProjection(height_map, spaces.meshes[k], spaces.lattices[k], dtype)
-    return MeshProjection(height_map, spaces.meshes[k], dtype)
+    if level.lattice is not None and height_map.valid.all():
+        return LatticeProjection(height_map, level, dtype)
+    return MeshProjection(height_map, level, dtype)
 
 
 def _analysis(
@@ -124,7 +147,7 @@ def _analysis(
     heights = heights_on_grid(total, height_map.shape).astype(np.float64)
     fitted = height_map.derived(heights, operation)
     remainder = height_map.derived(height_map.heights - heights, operation)
-    sizes = [_sizes(mesh, height_map.extent) for mesh in spaces.meshes]
+    sizes = [_sizes(level.tmesh, height_map.extent) for level in spaces.levels]
     bands = []
     for k, surface in enumerate(surfaces):
         part = height_map.derived(heights_on_grid(surface, height_map.shape), f"{operation}: band {k}")

@@ -1,27 +1,77 @@
-"""Nested meshes: uniform ones, each twice as fine as the one before, or adaptive ones that a tolerance has refined."""
+"""Nested spaces: over uniform lattices, each twice as fine as the one before, or meshes that a tolerance has refined.
+
+Clamped splines are freer at the border than inside: three functions more than elements. Over coarse lattices they use
+that to follow waves there that are too short for them. So in every lattice but the finest the two elements at a border
+are one of twice the size: one function more than elements. Such spaces are nested as well as those over the whole
+lattices, hold the same polynomials, and their surfaces are surfaces over the whole lattices.
+"""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._errors import InputError
 from ..data import HeightMap
+from ..filtration._lattice import on_grid
+from ..filtration._separable import halved_ends
 from ..fitting import Marking, StopReason, advance, begin, pose_fit, scaled_lattice, terminate
 from ..mesh import TMesh, b_lattice, bisect
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 _FINEST = 4.0  # pixels: smallest element where the number of levels is not given
 _SHORTER = 3  # elements along the shorter side of the first lattice
+_WIDE = 6  # elements along a side, from which on the border's may be wide: a coarser lattice would lose all it adds
 _LEVELS = 6  # of adaptive meshes, where their number is not given
 _FALL = 0.5  # of the tolerance, from one mesh to the next
 _RESERVE = 0.8  # of the tolerance, that meshes are refined to: projections have slightly larger errors than the loop
 
 
 @dataclass(frozen=True, eq=False)
-class Spaces:
-    """Nested meshes, coarse first; the lattices (M, N) where they are uniform; why refinement stopped, and warnings."""
+class Level:
+    """One of the spaces.
 
-    meshes: tuple[TMesh, ...]
-    lattices: tuple[tuple[int, int], ...] | None
+    **Attributes:**
+
+    - `tmesh`: its mesh.
+    - `lattice`: its elements (M, N) where it is uniform, else `None`.
+    - `wide`: whether the elements at either end are one of twice the size, along x and along y.
+    """
+
+    tmesh: TMesh
+    lattice: tuple[int, int] | None = None
+    wide: tuple[bool, bool] = (False, False)
+
+    def insertions(self) -> "tuple[csr_array, csr_array]":
+        """Along x and along y, from the control points of the space to those over all of the lattice."""
+        from scipy.sparse import csr_array, eye_array
+
+        assert self.lattice is not None
+        along_x, along_y = (
+            halved_ends(elements) if wide else csr_array(eye_array(elements + 3))
+            for elements, wide in zip(self.lattice, self.wide, strict=True)
+        )
+        return along_x, along_y
+
+    def change(self) -> "csr_array":
+        """From the control points of the space to those of the mesh."""
+        from scipy.sparse import csr_array, eye_array, kron
+
+        if self.lattice is None:
+            return csr_array(eye_array(self.tmesh.n_anchors))
+        along_x, along_y = self.insertions()
+        row, column = on_grid(self.tmesh)
+        places = row * (self.lattice[0] + 3) + column
+        return csr_array(csr_array(kron(along_y, along_x))[places])
+
+
+@dataclass(frozen=True, eq=False)
+class Spaces:
+    """Nested spaces, coarse first; why refinement stopped, and warnings."""
+
+    levels: tuple[Level, ...]
     stop: StopReason | None = None
     warnings: tuple[str, ...] = ()
 
@@ -52,14 +102,13 @@ def uniform_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int 
             f"elements cannot be smaller than a pixel: from {lattice[0]} × {lattice[1]} elements this map has "
             f"{deepest} levels at most; received {levels}"
         )
-    meshes, lattices = [b_lattice(*lattice)], [lattice]
+    mesh, spaces = b_lattice(*lattice), []
     for _ in range(levels - 1):
-        mesh = meshes[-1]
+        spaces.append(Level(mesh, lattice, (lattice[0] >= _WIDE, lattice[1] >= _WIDE)))
         for _ in range(2):
             mesh = bisect(mesh, np.ones(mesh.n_elements, bool)).mesh
-        meshes.append(mesh)
-        lattices.append((2 * lattices[-1][0], 2 * lattices[-1][1]))
-    return Spaces(tuple(meshes), tuple(lattices))
+        lattice = (2 * lattice[0], 2 * lattice[1])
+    return Spaces((*spaces, Level(mesh, lattice)))
 
 
 def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int | None, tolerance: float) -> Spaces:
@@ -80,5 +129,8 @@ def adaptive_spaces(height_map: HeightMap, lattice: tuple[int, int], levels: int
         goals, state = ahead, advance(problem, state) if ahead else state
     warnings = []
     if len(meshes) < count:
-        warnings.append(f"{len(meshes)} of {count} meshes differ: single steps met several of the tolerances at once")
-    return Spaces(tuple(meshes), None, terminate(problem, state), tuple(warnings))
+        warnings.append(
+            f"{len(meshes)} bands instead of {count}: single steps of refinement met several of the tolerances at "
+            "once; for more give a smaller tolerance or a coarser lattice"
+        )
+    return Spaces(tuple(Level(mesh) for mesh in meshes), terminate(problem, state), tuple(warnings))
