@@ -100,9 +100,7 @@ def main(size: int = 0, *names: str) -> None:
             rows += compare(case)
             seen.add(case.name)
             # Case by case: what is done is kept, whatever comes after it.
-            missing = (
-                [] if LARGEST in seen or names else [f"no rows of {LARGEST}: not beside this copy, or to come"]
-            )
+            missing = [] if LARGEST in seen or names else [f"no rows of {LARGEST}: not beside this copy, or to come"]
             keep("peers", rows, peers=("verde", "pygismo"), **({"left_out": missing} if missing else {}))
 
 
