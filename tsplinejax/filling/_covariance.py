@@ -31,7 +31,7 @@ _FARTHEST = 256
 _REPEATS, _MOST_PERIODS = 0.4, 6
 _MOST_KNOWN = 1500
 #: A free plane's variance over that of the heights, and the least variance of a pixel of its own.
-_FREE, _LEAST = 1e2, 1e-9
+_FREE, _LEAST = 1e2, 1e-12
 _NOWHERE = np.zeros((0, 2), int)
 
 

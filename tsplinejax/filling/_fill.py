@@ -29,7 +29,7 @@ _UNLIKE = 1.4
 
 
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
-    """The fillers that are tried: a creased spline, and the covariance of the map, seen in different ways.
+    """The fillers that are tried: the covariance of the map, counted in different ways, and splines, creased or smooth.
 
     With `edges` those that hardly swing.
 
@@ -45,6 +45,8 @@ def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
         CovarianceFiller(1, 9, nearby=24),
         CovarianceFiller(2, 6, nearby=24),
         CovarianceFiller(3, 6),
+        SplineFiller(2, 1.0),
+        SplineFiller(3, 1e-3),
     )
 
 
@@ -171,7 +173,8 @@ def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.rando
         if known > 0.9 * _HIDDEN or len(ratios) > 0.9 * _PATCHES:
             break
     if not known:
-        return _Verdict(names, np.eye(count)[0], np.arange(1), False, np.full(count, np.nan), float("nan"), 0, None, 1.0)
+        unknown = np.full(count, np.nan)
+        return _Verdict(names, np.eye(count)[0], np.arange(1), False, unknown, float("nan"), 0, None, 1.0)
     predictions, truth = np.concatenate(parts, axis=1), np.concatenate(truths)
     weights = blend_weights(predictions - truth, np.concatenate(places))
     alone = np.sqrt(np.mean((predictions - truth) ** 2, axis=1))
