@@ -30,8 +30,8 @@ _FARTHEST = 256
 #: Correlations above which pixels that lie periods away are asked, and the most periods.
 _REPEATS, _MOST_PERIODS = 0.4, 6
 _MOST_KNOWN = 1500
-#: A free plane's variance over that of the heights, and the least variance of a pixel of its own.
-_FREE, _LEAST = 1e2, 1e-12
+#: The least spectrum over the mean one, and the least variance of a pixel of its own over that of the heights.
+_FLOOR, _LEAST = 2e-2, 1e-10
 _NOWHERE = np.zeros((0, 2), int)
 
 
@@ -126,7 +126,8 @@ def covariance_of(heights: Float[np.ndarray, "rows columns"], order: int = 0, re
     circular = np.zeros((size, size))
     lags = np.arange(-reach, reach + 1)
     circular[np.ix_(lags, lags)] = products
-    spectrum = np.maximum(np.real(np.asarray(rfft2(circular))), 0)
+    # Without a floor the noise of the count says of some waves that there are none, which nothing can be sure of.
+    spectrum = np.maximum(np.real(np.asarray(rfft2(circular))), _FLOOR * circular[0, 0])
     if order:
         along, across = (4 * np.sin(np.pi * f(size)) ** 2 for f in (np.fft.rfftfreq, np.fft.fftfreq))
         gain = np.add.outer(across, along) ** order
@@ -199,9 +200,7 @@ def _predicted(
     def plane(places: np.ndarray) -> np.ndarray:
         return np.column_stack([np.ones(len(places)), (places - centre) / size])
 
-    free = _FREE * variance
-    matrix = covariance.between(known, known) + free * plane(known) @ plane(known).T
-    across = covariance.between(wanted, known) + free * plane(wanted) @ plane(known).T
+    matrix, across = covariance.between(known, known), covariance.between(wanted, known)
     least = _LEAST * max(variance, np.finfo(float).tiny)
     for _ in range(5):
         matrix[np.diag_indices_from(matrix)] += least
@@ -210,7 +209,10 @@ def _predicted(
         except np.linalg.LinAlgError:
             least *= 30
             continue
-        return mean + across @ cho_solve(factor, values - mean, check_finite=False)
+        drift = plane(known)
+        solved = cho_solve(factor, np.column_stack([drift, values - mean]), check_finite=False)
+        slope = np.linalg.lstsq(drift.T @ solved[:, :-1], drift.T @ solved[:, -1], rcond=None)[0]
+        return mean + plane(wanted) @ slope + across @ (solved[:, -1] - solved[:, :-1] @ slope)
     return np.full(len(wanted), mean)
 
 
