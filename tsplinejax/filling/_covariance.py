@@ -69,8 +69,8 @@ class CovarianceFiller(AbstractFiller):
 
     def prepare(self, field: Field) -> Predict:
         """Find the covariance and its periods, unless both are a matter of each window."""
-        if self.nearby is not None:
-            return lambda window: self._fill_by_what_is_near(field, window, self.nearby)
+        if (nearby := self.nearby) is not None:
+            return lambda window: self._fill_by_what_is_near(field, window, nearby)
         covariance = covariance_of(field.heights, self.order, self.reach)
         periods = _NOWHERE if self.reach is not None else _periods(covariance_of(field.heights))
         return lambda window: _predicted(field, window, covariance, periods)
@@ -113,21 +113,21 @@ def covariance_of(heights: Float[np.ndarray, "rows columns"], order: int = 0, re
     shorter, longer = min(heights.shape), max(heights.shape)
     order = min(order, shorter - 1)
     most = min(shorter // 2, _FARTHEST)
-    reach = most if reach is None else min(reach, most)
+    counted = most if reach is None else min(reach, most)
     known = np.isfinite(heights)
     rest = np.where(known, heights - _quadratic(heights, known), np.nan)
-    products = sum(
-        comb(order, k) * _mean_products(np.diff(np.diff(rest, k, axis=1), order - k, axis=0), reach)
-        for k in range(order + 1)
-    )
+    products = np.zeros((2 * counted + 1, 2 * counted + 1))
+    for k in range(order + 1):
+        products += comb(order, k) * _mean_products(np.diff(np.diff(rest, k, axis=1), order - k, axis=0), counted)
     # What is left of increments of an order > 0 never fades: the table holds every lag that a window can ask for.
-    span = min(longer, _FARTHEST) if order else reach
-    size = _fast(2 * span + reach + 1)
+    span = min(longer, _FARTHEST) if order else counted
+    size = _fast(2 * span + counted + 1)
     circular = np.zeros((size, size))
-    lags = np.arange(-reach, reach + 1)
+    lags = np.arange(-counted, counted + 1)
     circular[np.ix_(lags, lags)] = products
     # Without a floor the noise of the count says of some waves that there are none, which nothing can be sure of.
-    spectrum = np.maximum(np.real(np.asarray(rfft2(circular))), _FLOOR * circular[0, 0])
+    floor = _FLOOR * circular[0, 0] if order else 0.0
+    spectrum = np.maximum(np.real(np.asarray(rfft2(circular))), floor)
     if order:
         along, across = (4 * np.sin(np.pi * f(size)) ** 2 for f in (np.fft.rfftfreq, np.fft.fftfreq))
         gain = np.add.outer(across, along) ** order
