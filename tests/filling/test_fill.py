@@ -105,6 +105,27 @@ def test_edges_do_not_swing():
     assert rms(values - truth[missing]) < 0.25
 
 
+def test_periodic_steps_are_not_overshot():
+    """Pillars of which a fifth is missing, by default: the hidden patches show that what swings beyond all measured
+    heights errs, and nothing does so.
+    """
+    data = structured_with_missing((96, 96), noise=0.005)
+    filled = tsj.fill_missing(data, border=True)
+    values = filled.map.heights[~data.valid]
+    assert values.max() <= np.nanmax(data.heights)
+    assert values.min() >= np.nanmin(data.heights)
+
+
+def test_summits_may_rise_above_what_was_measured():
+    """A dome whose top is missing gets its top, for patches hidden at its rim show that heights go on rising."""
+    y, x = np.mgrid[-1:1:80j, -1:1:80j]
+    heights = 2 - x**2 - y**2
+    holed = np.where(np.hypot(x - 0.05, y) < 0.2, np.nan, heights)
+    filled = tsj.fill_missing(holed)
+    np.testing.assert_allclose(filled.map.heights, heights, atol=1e-3)
+    assert filled.map.heights.max() > np.nanmax(holed) + 0.02
+
+
 def test_exact_interpolates_every_pixel():
     """The surface passes through every measured and every filled pixel to 1e-9 of the range, on unequal spacing."""
     data = peaks((60, 45))

@@ -1,31 +1,35 @@
 """Which fillers, in which mixture, and how far off: judged on patches that were hidden.
 
 The mixture is convex (weights not negative, sum 1) and has the least squared error on the hidden pixels (stacking,
-Breiman 1996): at least as good there as the best filler alone. How much the fillers disagree about a pixel tells how
-uncertain it is; the hidden pixels tell how uncertain that is in figures.
+Breiman 1996). Places differ in how hard they are, and a few hard ones would decide alone: each counts by the inverse of
+its mean square, as in any least squares whose errors differ in variance. How much the fillers disagree about a pixel
+tells how uncertain it is; the hidden pixels tell how uncertain that is in figures.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import isotonic_regression, nnls
 
 #: A filler without which the error would be larger by no more than this is left out.
 _HARDLY = 1.003
 _BINS, _LEAST_IN_BIN = 12, 40
+#: Side in pixels of the places that are taken to be equally hard, and the share of a typical one's mean square below
+#: which none counts as easier.
+_PLACE, _EASIEST = 20, 0.1
 
 
 def blend_weights(
-    predictions: Float[np.ndarray, "fillers pixels"], truth: Float[np.ndarray, " pixels"]
+    errors: Float[np.ndarray, "fillers pixels"], places: Int[np.ndarray, "pixels 2"]
 ) -> Float[np.ndarray, " fillers"]:
     """The convex mixture of least squared error, without fillers that hardly lower it.
 
-    >>> blend_weights(np.array([[1.0, 1.0], [3.0, 3.0]]), np.array([1.5, 1.5])).tolist()
+    >>> blend_weights(np.array([[-0.5, -0.5], [1.5, 1.5]]), np.array([[3, 7], [3, 8]])).tolist()
     [0.75, 0.25]
     """
-    errors = (predictions - truth).T
-    kept = np.arange(len(predictions))
+    kept = np.arange(len(errors))
+    errors = (errors * np.sqrt(_importance(errors, places))).T
     weights, error = _convex(errors)
     while True:
         kept, weights = kept[weights > 0], weights[weights > 0]
@@ -36,9 +40,22 @@ def blend_weights(
         if larger > _HARDLY * error:
             break
         kept, weights = others, fewer
-    result = np.zeros(len(predictions))
+    result = np.zeros(errors.shape[1])
     result[kept] = weights
     return result
+
+
+def _importance(
+    errors: Float[np.ndarray, "fillers pixels"], places: Int[np.ndarray, "pixels 2"]
+) -> Float[np.ndarray, " pixels"]:
+    """Inverse of the mean square of a middling filler around each pixel."""
+    tiles = np.unique(places // _PLACE, axis=0, return_inverse=True)[1].ravel()
+    squares = np.array([np.bincount(tiles, row**2) for row in errors]) / np.bincount(tiles)
+    hardness = np.median(squares, axis=0)
+    if not hardness.any():
+        return np.ones(len(tiles))
+    hardness = hardness / hardness.max()
+    return 1 / (hardness + _EASIEST * np.median(hardness[hardness > 0]))[tiles]
 
 
 def _convex(errors: Float[np.ndarray, "pixels fillers"]) -> tuple[Float[np.ndarray, " fillers"], float]:

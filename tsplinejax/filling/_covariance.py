@@ -1,13 +1,19 @@
 """Holes filled by the covariance of the map itself: kriging.
 
-The mean product of the heights of pixels a lag h apart, r(h), is taken from the whole map (missing ones left out) and
-says how much each known pixel tells about a missing one: direction and length of a lay, roughness, noise, and the
-period of a structure that repeats. The best linear prediction of the missing heights z_m from known ones z_k is
-C_mk C_kk⁻¹ z_k (Matheron 1963), with a plane of free slope added. The pixels that tell most are near the hole, and, on
-surfaces that repeat, where the hole would be one period on.
+How much a known pixel tells about a missing one is said by the map: direction and length of a lay, roughness, noise,
+and the period of a structure that repeats. What is counted are increments of some order m, for heights drift, and in
+the spectrum of a smooth map its large waves would leak over its small ones (Tukey's prewhitening; increments: Matheron
+1973). With D = ∂x², ∂y² by differences, the spectra of all increments of order m add up to (Dx + Dy)^m S, S that of the
+heights: from their mean products at lags of up to some pixels, missing ones left out, follows S, and from it r(h), the
+covariance of the heights of pixels a lag h apart.
+
+The best linear prediction of the missing heights z_m from known ones z_k is C_mk C_kk⁻¹ z_k (Matheron 1963), with a
+plane of free slope added. The pixels that tell most are near the hole, and, on surfaces that repeat, where the hole
+would be one period on.
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,25 +25,42 @@ from ._filler import AbstractFiller, Field, Predict, Window
 
 #: Known pixels this near a missing one all count, those further off are thinned.
 _NEAR, _THIN = 3.0, 3
+#: Lags at most: windows are smaller.
+_FARTHEST = 256
 #: Correlations above which pixels that lie periods away are asked, and the most periods.
 _REPEATS, _MOST_PERIODS = 0.4, 6
 _MOST_KNOWN = 1500
-#: A free plane's variance over that of the heights, and the least variance of a pixel of its own.
-_FREE, _LEAST = 1e2, 1e-9
+#: The least spectrum over the mean one, and the least variance of a pixel of its own over that of the heights.
+_FLOOR, _LEAST = 2e-2, 1e-10
+_NOWHERE = np.zeros((0, 2), int)
 
 
 @dataclass(frozen=True)
 class CovarianceFiller(AbstractFiller):
     """The best linear prediction under the map's own covariance.
 
-    >>> CovarianceFiller().name
-    'covariance of the map'
+    **Arguments:**
+
+    - `order`: of the increments whose products are counted: 0 heights, 1 slopes, 2 curvatures, 3; the smoother the
+      map, the higher.
+    - `reach`: lags at most, in pixels; half of the shorter side by default, which sees lay and period, while few lags
+      are counted more surely.
+    - `nearby`: count only within so many pixels of a hole, for maps that differ from place to place.
+
+    >>> CovarianceFiller(2, 6).name
+    'covariance of curvatures, 6 lags'
     """
+
+    order: int = 1
+    reach: int | None = None
+    nearby: int | None = None
 
     @property
     def name(self) -> str:
-        """The same for every map."""
-        return "covariance of the map"
+        """What is counted, and where."""
+        counted = ("heights", "slopes", "curvatures", "third differences")[self.order]
+        lags = "" if self.reach is None else f", {self.reach} lags"
+        return f"covariance of {counted}{lags}{'' if self.nearby is None else ' nearby'}"
 
     @property
     def margin(self) -> int:
@@ -45,10 +68,16 @@ class CovarianceFiller(AbstractFiller):
         return 8
 
     def prepare(self, field: Field) -> Predict:
-        """Find the covariance and its periods."""
-        covariance = covariance_of(field.heights)
-        periods = _periods(covariance)
+        """Find the covariance and its periods, unless both are a matter of each window."""
+        if (nearby := self.nearby) is not None:
+            return lambda window: self._fill_by_what_is_near(field, window, nearby)
+        covariance = covariance_of(field.heights, self.order, self.reach)
+        periods = _NOWHERE if self.reach is not None else _periods(covariance_of(field.heights))
         return lambda window: _predicted(field, window, covariance, periods)
+
+    def _fill_by_what_is_near(self, field: Field, window: Window, nearby: int) -> Float[np.ndarray, " wanted"]:
+        part = tuple(slice(max(side.start - nearby, 0), side.stop + nearby) for side in (window.rows, window.columns))
+        return _predicted(field, window, covariance_of(field.heights[part], self.order, self.reach), _NOWHERE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,35 +104,54 @@ class Covariance:
         return float(self.values[self.reach, self.reach])
 
 
-def covariance_of(heights: Float[np.ndarray, "rows columns"]) -> Covariance:
-    """The covariance of a map whose quadratic trend is removed.
-
-    Products are counted under a taper, so that the map's border leaves no trace, and the lags under another, so that
-    its spectrum can be made positive.
+def covariance_of(heights: Float[np.ndarray, "rows columns"], order: int = 0, reach: int | None = None) -> Covariance:
+    """The covariance of a map whose quadratic trend is removed, from its increments.
 
     >>> covariance_of(np.random.default_rng(0).normal(size=(40, 50))).reach
     20
     """
-
-    rows, columns = heights.shape
-    reach = min(rows, columns) // 2
+    shorter, longer = min(heights.shape), max(heights.shape)
+    order = min(order, shorter - 1)
+    most = min(shorter // 2, _FARTHEST)
+    counted = most if reach is None else min(reach, most)
     known = np.isfinite(heights)
-    taper = np.outer(*(np.sin(np.pi * (np.arange(n) + 1) / (n + 1)) for n in heights.shape))
-    window = np.where(known, taper, 0.0)
-    values = window * np.where(known, heights - _quadratic(heights, known), 0.0)
-    shape = tuple(_fast(n + reach) for n in heights.shape)
-    spectra = [np.abs(np.asarray(rfft2(part, shape))) ** 2 for part in (values, window)]
+    rest = np.where(known, heights - _quadratic(heights, known), np.nan)
+    products = np.zeros((2 * counted + 1, 2 * counted + 1))
+    for k in range(order + 1):
+        products += comb(order, k) * _mean_products(np.diff(np.diff(rest, k, axis=1), order - k, axis=0), counted)
+    # What is left of increments of an order > 0 never fades: the table holds every lag that a window can ask for.
+    span = min(longer, _FARTHEST) if order else counted
+    size = _fast(2 * span + counted + 1)
+    circular = np.zeros((size, size))
+    lags = np.arange(-counted, counted + 1)
+    circular[np.ix_(lags, lags)] = products
+    # Without a floor the noise of the count says of some waves that there are none, which nothing can be sure of.
+    floor = _FLOOR * circular[0, 0] if order else 0.0
+    spectrum = np.maximum(np.real(np.asarray(rfft2(circular))), floor)
+    if order:
+        along, across = (4 * np.sin(np.pi * f(size)) ** 2 for f in (np.fft.rfftfreq, np.fft.fftfreq))
+        gain = np.add.outer(across, along) ** order
+        gain[0, 0] = np.inf  # the mean is free
+        spectrum = spectrum / gain
+    lags = np.arange(-span, span + 1)
+    return Covariance(np.asarray(irfft2(spectrum, (size, size)))[np.ix_(lags, lags)], span)
+
+
+def _mean_products(part: Float[np.ndarray, "rows columns"], reach: int) -> Float[np.ndarray, "lags lags"]:
+    """Mean products of known values a lag apart, counted under a taper, so that the border leaves no trace, and faded
+    out towards long lags, so that the spectrum can be made positive.
+    """
+    taper = np.outer(*(np.sin(np.pi * (np.arange(n) + 1) / (n + 1)) for n in part.shape))
+    window = np.where(np.isfinite(part), taper, 0.0)
+    values = window * np.nan_to_num(part)
+    shape = tuple(_fast(n + reach) for n in part.shape)
+    spectra = [np.abs(np.asarray(rfft2(each, shape))) ** 2 for each in (values, window)]
     products, counts = (np.asarray(irfft2(spectrum, shape)) for spectrum in spectra)
     lags = np.arange(-reach, reach + 1)
     place = np.ix_(lags, lags)
-    distance = np.hypot(*np.meshgrid(lags, lags, indexing="ij")) / (reach + 1)
-    fade = np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * np.minimum(distance, 1)), 0)
-    faded = fade * products[place] / np.maximum(counts[place], 1e-9 * counts[0, 0])
-    size = _fast(3 * reach + 1)
-    circular = np.zeros((size, size))
-    circular[place] = faded
-    positive = np.asarray(irfft2(np.maximum(np.real(np.asarray(rfft2(circular))), 0), (size, size)))
-    return Covariance(positive[place], reach)
+    distance = np.minimum(np.hypot(lags[:, None], lags) / (reach + 1), 1)
+    fade = 0.5 + 0.5 * np.cos(np.pi * distance)
+    return fade * products[place] / np.maximum(counts[place], 1e-9 * counts[0, 0] + np.finfo(float).tiny)
 
 
 def _fast(length: int) -> int:
@@ -152,9 +200,7 @@ def _predicted(
     def plane(places: np.ndarray) -> np.ndarray:
         return np.column_stack([np.ones(len(places)), (places - centre) / size])
 
-    free = _FREE * variance
-    matrix = covariance.between(known, known) + free * plane(known) @ plane(known).T
-    across = covariance.between(wanted, known) + free * plane(wanted) @ plane(known).T
+    matrix, across = covariance.between(known, known), covariance.between(wanted, known)
     least = _LEAST * max(variance, np.finfo(float).tiny)
     for _ in range(5):
         matrix[np.diag_indices_from(matrix)] += least
@@ -163,7 +209,10 @@ def _predicted(
         except np.linalg.LinAlgError:
             least *= 30
             continue
-        return mean + across @ cho_solve(factor, values - mean, check_finite=False)
+        drift = plane(known)
+        solved = cho_solve(factor, np.column_stack([drift, values - mean]), check_finite=False)
+        slope = np.linalg.lstsq(drift.T @ solved[:, :-1], drift.T @ solved[:, -1], rcond=None)[0]
+        return mean + plane(wanted) @ slope + across @ (solved[:, -1] - solved[:, :-1] @ slope)
     return np.full(len(wanted), mean)
 
 

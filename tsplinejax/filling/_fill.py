@@ -29,29 +29,25 @@ _UNLIKE = 1.4
 
 
 def default_fillers(*, edges: bool = False) -> tuple[AbstractFiller, ...]:
-    """The fillers that are tried: stiff, slack, smooth and creased splines, and the covariance of the map.
+    """The fillers that are tried: the covariance of the map, counted in different ways, and splines, creased or smooth.
 
-    With `edges` only those that hardly swing.
+    With `edges` those that hardly swing.
 
-    >>> len(default_fillers(edges=True))
-    4
+    >>> [filler.name for filler in default_fillers()][:2]
+    ['plate with creases, λ = 0.01', 'covariance of slopes']
     """
-    bounded = (
-        SplineFiller(1, 1e-3),
-        SplineFiller(1, 1e-2, creases=True),
-        SplineFiller(2, 1e-2, creases=True),
-        CovarianceFiller(),
-    )
+    creased, lay = SplineFiller(2, 1e-2, creases=True), CovarianceFiller(1)
     if edges:
-        return bounded
-    free = (
-        SplineFiller(2, 1e-3),
+        return creased, lay, SplineFiller(1, 1e-2, creases=True), SplineFiller(1, 1e-3)
+    return (
+        creased,
+        lay,
+        CovarianceFiller(1, 9, nearby=24),
+        CovarianceFiller(2, 6, nearby=24),
+        CovarianceFiller(3, 6),
         SplineFiller(2, 1.0),
-        SplineFiller(2, 30.0),
-        SplineFiller(2, 1e3),
         SplineFiller(3, 1e-3),
     )
-    return (*free, *bounded)
 
 
 def fill_missing(
@@ -143,13 +139,14 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Verdict:
-    """What the hidden patches say: weights, root mean square errors, the calibration of the uncertainty, and how many
-    times as uneven as theirs the rims of the holes are.
+    """What the hidden patches say: weights, whether heights beyond all measured ones are errors, root mean square
+    errors, the calibration of the uncertainty, and how many times as uneven as theirs the rims of the holes are.
     """
 
     names: tuple[str, ...]
     weights: Float[np.ndarray, " fillers"]
     used: Int[np.ndarray, " used"]
+    bounded: bool
     alone: Float[np.ndarray, " fillers"]
     rms: float
     hidden: int
@@ -160,29 +157,41 @@ class _Verdict:
 def _judged(task: _Task, wanted: Bool[np.ndarray, "rows columns"], rng: np.random.Generator) -> _Verdict:
     """Hide patches, let every filler predict them, and compare."""
     names, count = tuple(filler.name for filler in task.fillers), len(task.fillers)
-    parts, truths, known = [], [], 0
+    parts, truths, places, limits, known = [], [], [], [], 0
     ratios: list[float] = []
     for _ in range(_ROUNDS if wanted.any() else 0):
         hidden, placed = hidden_patches(task.heights, wanted, rng, _HIDDEN - known, _PATCHES - len(ratios))
         if not hidden.any():
             break
-        parts.append(task.predicted(np.where(hidden, np.nan, task.heights), hidden, range(count)))
+        shown = np.where(hidden, np.nan, task.heights)
+        parts.append(task.predicted(shown, hidden, range(count)))
         truths.append(task.heights[hidden])
+        places.append(np.argwhere(hidden))
+        limits.append(np.broadcast_to(_limits(shown)[:, None], (2, len(truths[-1]))))
         known += len(truths[-1])
         ratios += placed
         if known > 0.9 * _HIDDEN or len(ratios) > 0.9 * _PATCHES:
             break
     if not known:
-        return _Verdict(names, np.eye(count)[0], np.arange(1), np.full(count, np.nan), float("nan"), 0, None, 1.0)
+        unknown = np.full(count, np.nan)
+        return _Verdict(names, np.eye(count)[0], np.arange(1), False, unknown, float("nan"), 0, None, 1.0)
     predictions, truth = np.concatenate(parts, axis=1), np.concatenate(truths)
-    weights = blend_weights(predictions, truth)
+    weights = blend_weights(predictions - truth, np.concatenate(places))
     alone = np.sqrt(np.mean((predictions - truth) ** 2, axis=1))
     used = _compared(weights, alone)
     blended = weights @ predictions
     spread = disagreement(predictions[used], blended)
-    rms = float(np.sqrt(np.mean((blended - truth) ** 2)))
+    clipped = np.clip(blended, *np.concatenate(limits, axis=1))
+    bounded = bool(np.sum((clipped - truth) ** 2) < np.sum((blended - truth) ** 2))
+    errors = (clipped if bounded else blended) - truth
+    rms = float(np.sqrt(np.mean(errors**2)))
     unlike = float(np.sqrt(np.mean(np.square(ratios))))
-    return _Verdict(names, weights, used, alone, rms, known, calibrated(spread, blended - truth), unlike)
+    return _Verdict(names, weights, used, bounded, alone, rms, known, calibrated(spread, errors), unlike)
+
+
+def _limits(heights: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "2"]:
+    """The lowest and the highest known height."""
+    return np.array([np.nanmin(heights), np.nanmax(heights)])
 
 
 def _compared(weights: Float[np.ndarray, " fillers"], alone: Float[np.ndarray, " fillers"]) -> Int[np.ndarray, " used"]:
@@ -201,7 +210,8 @@ def _blended(
     if wanted.any():
         predictions = task.predicted(task.heights, wanted, verdict.used)
         blended = verdict.weights[verdict.used] @ predictions
-        heights[wanted], spread[wanted] = blended, disagreement(predictions, blended)
+        spread[wanted] = disagreement(predictions, blended)
+        heights[wanted] = np.clip(blended, *_limits(task.heights)) if verdict.bounded else blended
     return heights, spread
 
 
