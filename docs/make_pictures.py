@@ -112,7 +112,9 @@ def sampling() -> Figure:
 def filling() -> Figure:
     """Pillars of which a fifth is missing, and how they are filled."""
     pillars = structured_with_missing((112, 112), noise=0.002)
-    return plot_filling(pillars, tsj.fill_missing(pillars, border=True))
+    figure = plot_filling(pillars, tsj.fill_missing(pillars, border=True))
+    figure.set_size_inches(12.0, 3.5)
+    return figure
 
 
 def t_mesh() -> Figure:
