@@ -43,6 +43,7 @@ def uniform_sparse(places: np.ndarray, values: np.ndarray, lattice: Lattice, fil
     started = time.perf_counter()
     both = (knots(lattice[0]), knots(lattice[1]))
     design = NdBSpline.design_matrix(places, both, 3)
+    design.resize(len(places), (lattice[0] + 3) * (lattice[1] + 3))  # it ends with the last coefficient that is seen
     normal = design.T @ design
     if fill:
         normal = normal + fill * normal.diagonal().mean() * _second_differences((lattice[0] + 3, lattice[1] + 3))
