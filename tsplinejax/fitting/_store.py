@@ -26,7 +26,7 @@ from ._system import System, element_matrices
 from ._tiles import Carry, add_up, in_turns
 
 CHUNK = 1024  # rows in a turn of a kernel's loop
-FEW_ROWS = 8192  # a store of so few is read as a whole: a list of some of them would ask for a kernel of its own
+FEW_ROWS = 16384  # a store of so few is read as a whole: a list of some of them would ask for a kernel of its own
 
 
 class Chosen(eqx.Module):

@@ -80,26 +80,27 @@ def blossom_pieces(knots: Float[Array, "*shape 5"]) -> Float[Array, "*shape 4"]:
 
     No knot lies strictly inside [0, 1]; repeated knots are allowed, and a function that vanishes there gives zeros.
     """
-    dtype = knots.dtype
-
-    spans = [((knots[..., r] <= 0) & (knots[..., r + 1] >= 1)).astype(dtype) for r in range(4)]
-    pieces = []
-    for arguments in ((0, 0, 0), (0, 0, 1), (0, 1, 1), (1, 1, 1)):
-        values = spans
-        for degree, u in enumerate(arguments, start=1):
-            values = [
-                _ratio(u - knots[..., r], knots[..., r + degree] - knots[..., r]) * values[r]
-                + _ratio(knots[..., r + degree + 1] - u, knots[..., r + degree + 1] - knots[..., r + 1]) * values[r + 1]
-                for r in range(4 - degree)
+    knot = jnp.unstack(knots, axis=-1)
+    rising, falling = {}, {}  # weights by degree and argument, which the pieces share
+    for degree in (1, 2, 3):
+        widths = [knot[r + degree] - knot[r] for r in range(5 - degree)]
+        empty = [width <= 0 for width in widths]
+        safe = [jnp.where(none, 1, width) for none, width in zip(empty, widths, strict=True)]
+        for u in (0, 1):
+            rising[degree, u] = [jnp.where(empty[r], 0, (u - knot[r]) / safe[r]) for r in range(4 - degree)]
+            falling[degree, u] = [
+                jnp.where(empty[r], 0, (knot[r + degree] - u) / safe[r]) for r in range(1, 5 - degree)
             ]
-        pieces.append(values[0])
+
+    def blend(values: list[Array], degree: int, u: int) -> list[Array]:
+        up, down = rising[degree, u], falling[degree, u]
+        return [up[r] * values[r] + down[r] * values[r + 1] for r in range(4 - degree)]
+
+    spans = [((low <= 0) & (high >= 1)).astype(knots.dtype) for low, high in pairwise(knot)]
+    at_0, at_1 = blend(spans, 1, 0), blend(spans, 1, 1)
+    at_00, at_01, at_11 = blend(at_0, 2, 0), blend(at_0, 2, 1), blend(at_1, 2, 1)
+    pieces = blend(at_00, 3, 0) + blend(at_00, 3, 1) + blend(at_01, 3, 1) + blend(at_11, 3, 1)
     return jnp.stack(pieces, axis=-1)
-
-
-def _ratio(numerator: Array, denominator: Array) -> Array:
-    """The quotient, or zero where knots repeat."""
-    empty = denominator <= 0
-    return jnp.where(empty, 0, numerator / jnp.where(empty, 1, denominator))
 
 
 def blossom_weights(u: Float[Array, "*shape 3"]) -> Float[Array, "*shape 4"]:
