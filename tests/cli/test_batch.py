@@ -187,11 +187,11 @@ def test_interrupting_keeps_what_there_is(command, maps, monkeypatch, tmp_path):
     """After Ctrl-C in the second fit two models are written, and the third file is told to be left."""
     stops = iter([None, StopReason.INTERRUPTED])
 
-    def fit(*arguments, _fit=_fitting_batch.fit, **options):
-        result, stop = _fit(*arguments, **options), next(stops)
+    def finished(*arguments, _finished=_fitting_batch.finished, **options):
+        result, stop = _finished(*arguments, **options), next(stops)
         return result if stop is None else replace(result, stop=stop, converged=False)
 
-    monkeypatch.setattr(_fitting_batch, "fit", fit)
+    monkeypatch.setattr(_fitting_batch, "finished", finished)
     code, out, err = command("batch", "fit", "maps", "-o", "models", *FIT, "--json")
     result = json.loads(out)
     assert code == 1

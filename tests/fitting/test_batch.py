@@ -9,13 +9,13 @@ from scipy.interpolate import BSpline
 
 import tsplinejax as tsj
 from tsplinejax import HeightMap, InputError, fit_batch, fit_shared, lstsq
-from tsplinejax.data import peaks
+from tsplinejax.data import peaks, plate_with_particles
 from tsplinejax.fitting import StopReason, _batch, _design, _shared
 from tsplinejax.mesh import Dyadic, b_lattice, refine
 from tsplinejax.space import spline_space
 
 from .surfaces import bump
-from .test_traces import counted_compilations
+from .test_traces import LEAST_CAPACITY, counted_compilations
 
 ROWS, COLUMNS = 37, 45
 WIDTHS = (0.08, 0.1, 0.12, 0.15, 0.2, 0.3, 0.09)
@@ -210,6 +210,18 @@ def test_a_batch_compiles_for_its_first_maps_alone():
     assert not events
 
 
+def test_a_batch_has_room_for_larger_meshes_than_its_first():
+    """A first mesh that nearly fills the least padded length, then larger ones: nothing is compiled after the first."""
+    jax.clear_caches()
+    maps = [plate_with_particles((96, 96), particles=count, seed=count) for count in (3, 7, 4)]
+    outcomes = fit_batch(maps, relative_tolerance=0.01)
+    first = next(outcomes).result
+    with counted_compilations() as events:
+        others = [item.result for item in outcomes]
+    assert first.surface.space.capacity == LEAST_CAPACITY < others[0].surface.space.capacity
+    assert not events
+
+
 def test_a_batch_gives_what_separate_fits_give():
     """Results come in the order of the items and to the last bit those of `fit`, whatever an item's kind."""
     items = [peaks((30, 40)), bump(), (bump(), 0.5, 0.25), tsj.PointCloud(np.random.default_rng(0).random((200, 3)))]
@@ -260,7 +272,7 @@ def test_an_interrupted_batch_ends(monkeypatch):
     """After a fit that Ctrl-C ended, whose best step is still handed out, no further item is begun."""
     result = tsj.fit(peaks((20, 25)), tolerance=0.5)
     stops = iter([result.stop, StopReason.INTERRUPTED, result.stop])
-    monkeypatch.setattr(_batch, "fit", lambda *_, **__: replace(result, stop=next(stops)))
+    monkeypatch.setattr(_batch, "finished", lambda *_, **__: replace(result, stop=next(stops)))
     outcomes = list(fit_batch([peaks((20, 25))] * 3, tolerance=0.5))
     assert [item.result.stop for item in outcomes] == [result.stop, StopReason.INTERRUPTED]
 

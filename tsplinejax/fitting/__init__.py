@@ -19,7 +19,8 @@ from ._engines import (
     DaskEngine as DaskEngine,
     DevicesEngine as DevicesEngine,
 )
-from ._fit import fit as fit, pose_fit as pose_fit, surface_of as surface_of
+from ._finish import surface_of as surface_of
+from ._fit import fit as fit, pose_fit as pose_fit
 from ._lstsq import lstsq as lstsq
 from ._options import resolved_limit as resolved_limit
 from ._problem import Budget as Budget, Problem as Problem, scaled_lattice as scaled_lattice

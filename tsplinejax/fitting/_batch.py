@@ -1,23 +1,29 @@
 """Many maps, each with a mesh of its own, one after the other.
 
-Kernels are compiled for padded sizes, so maps of about the same size run those that the first one compiled. A map that
-cannot be read or fitted does not stop the others: its outcome carries the error.
+Kernels are compiled for padded sizes, so maps of about the same size run those that the first one compiled; where its
+mesh nearly fills its padded size, those of the next size are made ready with it. A map that cannot be read or fitted
+does not stop the others: its outcome carries the error.
 """
 
 import inspect
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from .._errors import InputError
 from ..data import HeightMap, PointCloud
 from ..io import read
-from ._fit import fit
+from ..space import capacity_for
+from ._finish import finished
+from ._fit import fit, pose_fit
 from ._result import FitResult, StopReason
 
 _OPTIONS = frozenset(inspect.signature(fit).parameters) - {"data", "progress", "checkpoint"}
+ROOM = 2  # a mesh may have so many times the elements of the first one before a kernel is compiled for it,
+MOST_ROOM = 1 << 16  # but no fit begins with more elements to fill than these, which take 200 MB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,19 +93,43 @@ def _outcomes(
     """Each item's outcome when its turn comes."""
     from tqdm import tqdm
 
+    rooms: dict[int, int] = {}
     for index, item in enumerate(tqdm(items, disable=not progress, unit="map", leave=False)):
-        outcome = _outcome(index, item, reader, options)
+        outcome = _outcome(index, item, reader, options, rooms)
         yield outcome
         if outcome.result is not None and outcome.result.stop is StopReason.INTERRUPTED:
             return
 
 
 def _outcome(
-    index: int, item: Any, reader: Callable[[Path], HeightMap | PointCloud], options: dict[str, Any]
+    index: int,
+    item: Any,
+    reader: Callable[[Path], HeightMap | PointCloud],
+    options: dict[str, Any],
+    rooms: dict[int, int],
 ) -> BatchItem:
     """Read and fit one item; whatever goes wrong belongs to it alone."""
     path = Path(item) if isinstance(item, str | os.PathLike) else None
     try:
-        return BatchItem(index, path, fit(item if path is None else reader(path), **options), None)
+        return BatchItem(index, path, _fitted(item if path is None else reader(path), options, rooms), None)
     except Exception as error:
         return BatchItem(index, path, None, error)
+
+
+def _fitted(data: Any, options: dict[str, Any], rooms: dict[int, int]) -> FitResult:
+    """The fit of one item, with the room that the first of its size was found to want, by that one's padded length."""
+    started = time.perf_counter()
+    problem = pose_fit(data, **options)
+    chosen = {name: options[name] for name in ("lattice", "smoothing") if name in options}
+    least = problem.least_capacity
+    if least in rooms:
+        return finished(replace(problem, room=rooms[least]), data, started, **chosen)
+    result = finished(problem, data, started, **chosen)
+    space = result.surface.space
+    wanted = capacity_for(ROOM * max(int(space.n_elements), int(space.n_functions)), least)
+    rooms[least] = wanted if wanted <= MOST_ROOM else 0
+    if space.capacity < rooms[least] and result.stop is not StopReason.INTERRUPTED:
+        # A step of a fit with that room compiles what the others will run.
+        hurried = replace(problem, room=wanted, budget=replace(problem.budget, max_steps=1))
+        finished(hurried, data, time.perf_counter(), **chosen)
+    return result

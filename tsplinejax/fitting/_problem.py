@@ -42,6 +42,7 @@ class Problem:
     - `criterion`, `refinement`, `solver`, `budget`: the strategies.
     - `smoothing`: weight λ of the bending energy.
     - `marking`: how fast the loop descends.
+    - `room`: padded length to begin with, where that is more than small data ask for.
     """
 
     request: Request
@@ -55,6 +56,7 @@ class Problem:
     solver: AbstractSolver = field(default_factory=LocalSolver)
     budget: Budget = field(default_factory=Budget)
     marking: Marking = field(default_factory=Marking)
+    room: int = 0
 
     @property
     def source(self) -> AbstractSource:
@@ -88,7 +90,7 @@ class Problem:
         sizes = ((1 << 15, 1024), (1 << 17, 4096), (1 << 21, 16384))
         least = next((capacity for limit, capacity in sizes if self.source.n_samples < limit), 65536)
         most = self.budget.max_control_points
-        return least if most is None else min(least, capacity_for(2 * int(most)))
+        return max(self.room, least if most is None else min(least, capacity_for(2 * int(most))))
 
 
 def start_lattice(
