@@ -138,7 +138,10 @@ def test_adaptive_sampling_of_data_brings_room_for_its_samples():
     assert is_analysis_suitable(samples.model.space.mesh)
     places = np.random.default_rng(0).random((2000, 2))
     np.testing.assert_allclose(samples.model(places), model(places), atol=1e-10)
-    assert tsj.reconstruct(samples).max_error < 1e-3 * data.range
+    recovered = tsj.reconstruct(samples)
+    assert recovered.max_error < 1e-3 * data.range
+    assert recovered.warnings == ()  # more functions than samples is what the strategy plans
+    assert tsj.reconstruct((samples.parameters, samples.values), samples.model).warnings
 
 
 def test_adaptive_sampling_of_data_follows_detail_that_the_model_lacks():

@@ -36,7 +36,7 @@ class Adaptive(AbstractStrategy):
     """
 
     start: float = 0.5
-    rounds: int = 8
+    rounds: int = 16
 
     def __post_init__(self) -> None:
         if not 0 < self.start <= 1 or self.rounds < 1:

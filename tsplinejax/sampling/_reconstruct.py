@@ -9,6 +9,7 @@ from .._errors import InputError
 from ..data import Frame, Samples
 from ..space import SplineSpace
 from ..surface import TSpline, make_surface
+from ._adaptive import Adaptive
 from ._regression import Regression, surface_of
 from ._sample import SampleSet
 from ._site import Site
@@ -87,6 +88,7 @@ def reconstruct(
             f"{smoothing:g}; leave it at 'auto', take more samples, or sample by strategy 'greville'"
         )
     errors = np.linalg.norm(trial.residuals, axis=1)
+    silent = not isinstance(smoothing, str) or (space is None and _few_by_design(samples))
     return Reconstruction(
         surface=surface_of(site, trial.points + middle),
         n_samples=len(given),
@@ -95,7 +97,7 @@ def reconstruct(
         max_error=float(errors.max()),
         rms_error=float(np.sqrt(np.mean(errors**2))),
         unit=site.model.unit,
-        warnings=_warnings(len(given), site.control_points, trial.smoothing, isinstance(smoothing, str)),
+        warnings=() if silent else _warnings(len(given), site.control_points, trial.smoothing),
     )
 
 
@@ -138,8 +140,13 @@ def _weight(smoothing: float) -> float:
     return weight
 
 
-def _warnings(m: int, n: int, smoothing: float, automatic: bool) -> tuple[str, ...]:
-    if smoothing == 0 or not automatic:
+def _few_by_design(samples: Any) -> bool:
+    """Whether they are measured samples with a space of more functions, in which the surface bends least between."""
+    return isinstance(samples, SampleSet) and samples.index is not None and isinstance(samples.strategy, Adaptive)
+
+
+def _warnings(m: int, n: int, smoothing: float) -> tuple[str, ...]:
+    if smoothing == 0:
         return ()
     reason = "are too few to" if m < n else "are not placed so that they"
     return (f"{m} samples {reason} determine {n} control points; smoothing (λ = {smoothing:.3g}) fills the gaps",)

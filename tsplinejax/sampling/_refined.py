@@ -16,7 +16,7 @@ from ._greville import Greville
 from ._site import Site
 from ._strategies import AbstractStrategy
 
-_ROUNDS_A_DOUBLING = 2
+_ROUNDS_A_DOUBLING = 4
 _CANDIDATES_AN_ELEMENT = 9
 
 
