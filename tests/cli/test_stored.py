@@ -76,7 +76,7 @@ def test_misuse_is_one_clear_line(command, bare, cloud, monkeypatch, tmp_path, w
     (tmp_path / "short.npy").write_bytes((tmp_path / "bare.npy").read_bytes()[:-9])
     np.save(tmp_path / "objects.npy", np.array([[{}, 1], [2, 3]], object), allow_pickle=True)
     np.save(tmp_path / "cube.npy", np.zeros((4, 5, 6)))
-    monkeypatch.setattr("tsplinejax.fitting._fit.run", lambda *_, **__: pytest.fail("fitted all the same"))
+    monkeypatch.setattr("tsplinejax.fitting._finish.run", lambda *_, **__: pytest.fail("fitted all the same"))
     code, out, err = command("fit", *words.split(), "-o", "m.tspl")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
