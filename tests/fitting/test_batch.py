@@ -277,6 +277,24 @@ def test_an_interrupted_batch_ends(monkeypatch):
     assert [item.result.stop for item in outcomes] == [result.stop, StopReason.INTERRUPTED]
 
 
+@pytest.mark.parametrize("ended", ["out of memory", "interrupted"])
+def test_making_ready_costs_no_result(ended, monkeypatch):
+    """Where room for larger meshes cannot be made, results are there all the same; Ctrl-C then ends the batch."""
+    rooms, fitted = [], _batch.finished
+
+    def finished(problem, *arguments, **options):
+        rooms.append(problem.room)
+        if problem.room and ended == "out of memory":
+            raise MemoryError
+        result = fitted(problem, *arguments, **options)
+        return replace(result, stop=StopReason.INTERRUPTED) if problem.room else result
+
+    monkeypatch.setattr(_batch, "finished", finished)
+    outcomes = list(fit_batch([plate_with_particles((96, 96), particles=3, seed=3)] * 2, relative_tolerance=0.01))
+    assert all(item.result.converged for item in outcomes)
+    assert rooms == ([0, 4 * LEAST_CAPACITY, 0] if ended == "out of memory" else [0, 4 * LEAST_CAPACITY])
+
+
 def test_progress_is_shown_on_standard_error(capsys):
     """A bar counts the items; without it nothing is printed."""
     list(fit_batch([peaks((20, 25))] * 3, tolerance=0.5))

@@ -9,6 +9,7 @@ import inspect
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -125,11 +126,14 @@ def _fitted(data: Any, options: dict[str, Any], rooms: dict[int, int]) -> FitRes
     if least in rooms:
         return finished(replace(problem, room=rooms[least]), data, started, **chosen)
     result = finished(problem, data, started, **chosen)
-    space = result.surface.space
+    rooms[least], space = 0, result.surface.space
     wanted = capacity_for(ROOM * max(int(space.n_elements), int(space.n_functions)), least)
-    rooms[least] = wanted if wanted <= MOST_ROOM else 0
-    if space.capacity < rooms[least] and result.stop is not StopReason.INTERRUPTED:
-        # A step of a fit with that room compiles what the others will run.
-        hurried = replace(problem, room=wanted, budget=replace(problem.budget, max_steps=1))
-        finished(hurried, data, time.perf_counter(), **chosen)
+    if wanted > MOST_ROOM or result.stop is StopReason.INTERRUPTED:
+        return result
+    with suppress(Exception):  # the result is there; what fails now, for want of memory say, only saves time
+        if wanted > space.capacity:  # a step of a fit with that room compiles what the others will run
+            hurried = replace(problem, room=wanted, budget=replace(problem.budget, max_steps=1))
+            if finished(hurried, data, time.perf_counter(), **chosen).stop is StopReason.INTERRUPTED:
+                return replace(result, stop=StopReason.INTERRUPTED)
+        rooms[least] = wanted
     return result
